@@ -159,7 +159,7 @@ class FlattenedView:
     float32 (H, W), NaN where not valid: placement uncertainty, i.e. the standard deviation of the
     pixel's position on the plane relative to the main piece of the start view; None if unknown.
     ``error_m`` float32 (H, W) is its distance from its true place, for display only; NaN where the markers
-    of a kit do not show that (``flatcloth.validation.truth``), None without a kit.
+    of a kit do not show that (``flatcloth.validation.markers``), None without a kit.
     """
 
     rgb: Uint8

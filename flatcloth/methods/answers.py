@@ -316,7 +316,8 @@ class DoubtedJoint:
 class OtherJoint:
     """Where cloth of the other side hangs on the rest of both by little evidence.
 
-    A ``share`` of the other side's main piece is behind it, with this ``probability`` joined rightly.
+    ``share`` of the other side's main piece that is behind it; ``probability`` that it is joined rightly;
+    ``evidence`` of what joins it.
     """
 
     share: float

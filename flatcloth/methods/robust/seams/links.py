@@ -212,14 +212,13 @@ def _decided(
     }
     false = {pair: 1.0 - math.prod(1.0 - each.false for each in both) for pair, both in between.items()}
     found = configured([odds for _, odds in judged], false)
-    is_true = found.true
     decided, joints = list(links), list[SideJoint]()
     for n, (alone, odds) in enumerate(judged):
         why = _CONTRADICTS if odds > _SURE_ODDS else _EDGES if alone > _SURE_ODDS else _FEW
-        why = "" if is_true[n] else why
+        why = "" if found.true[n] else why
         decided[n] = replace(links[n], why=why, probability=float(found.probability[n]))
     for pair, both in between.items():
-        if not is_true[list(pair)].all():
+        if not found.true[list(pair)].all():
             continue
         worst = max(both, key=lambda each: each.false)
         for each in both:
