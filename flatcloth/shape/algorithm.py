@@ -145,8 +145,8 @@ def _shape(
     uv_m = scale * uv_of(z)
     uv_m[:, 0] += PIECES_APART_M * np.maximum(piece, 0)
     uv_m[piece < 0] = np.nan
-    # 9. Deviations: errors of pairs as smooth random fields, through the same equations; a noisy sensor's own
-    #    of each node, and joints that it may have made.
+    # 9. Deviations: errors of pairs as smooth random fields, through the same equations. With a noisy sensor
+    #    also what each node is off by itself, and what hangs on doubtful joints.
     std_m = deviations_m(laid.at, graph, np.where(main, 0, -1), ripples=ripples)
     if is_noisy:
         evidence = seen_often(np.where(laid.holds, graph.evidence, 0.0), graph.views)

@@ -108,10 +108,10 @@ def rate_candidates(
 
 
 def _gaps(shape: Shape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], float]]:
-    """Return what a view decides that shows both ends: nodes of these, and the places that it makes right.
+    """Return what a view may settle if it shows both ends: the nodes at these, and how many nodes it helps.
 
-    At a weak joint of the shape, those behind it, as often as it is false. Between a floating piece and the
-    shape, where they are near in space, those of the piece, with even odds.
+    At a weak joint of the shape: those behind it, as often as it is false. Where a floating piece and the
+    shape are near in space: those of the piece, with even odds.
     """
     has_place = np.flatnonzero(shape.has_place)
     piece, xyz = shape.piece[has_place], shape.nodes.xyz_m[has_place]

@@ -243,7 +243,7 @@ def _log_odds(
 class Cloth:
     """What joins the nodes of a shape: pairs, the evidence of each, and that which is ``often`` seen.
 
-    False pairs are seen by few views: joints are where little is often seen.
+    Few views see a false pair, so cloth is cut where little is often seen.
     """
 
     def __init__(self, shape: Shape) -> None:
