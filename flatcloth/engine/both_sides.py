@@ -214,7 +214,7 @@ def one_side(side: Integration, document: Document) -> OneSide:
     canonical = side.canonical(document)
     return OneSide(
         document=document,
-        parts=side.parts_taken_off(document),
+        parts=side.parts(document),
         canonical=canonical,
         ends=evidence_of_shape(canonical, seen_from(side, document)),
     )

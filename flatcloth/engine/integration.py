@@ -41,7 +41,7 @@ from flatcloth.engine.trust import Trust
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.resampling import place_all
-from flatcloth.garments.deciding import parts_taken_off, with_doubts
+from flatcloth.garments.deciding import decided_parts, with_doubts
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method
 from flatcloth.methods.registry import load_method, method_name
@@ -61,6 +61,7 @@ from flatcloth.session.machine import (
     Side,
     Started,
 )
+from flatcloth.shape.joints import DecidedParts
 
 _LIKELY_ROTATION_DEG = 30.0
 """Views about this far from the present one are decoded ahead. Chosen; not measured."""
@@ -249,10 +250,10 @@ class Integration:
         """Return which samples (N,) were removed from the shape; None if none were."""
         return self._by_garment(document).taken_off if document.garment.parts else None
 
-    def parts_taken_off(self, document: Document) -> list[Bool]:
-        """Return the parts (N,) that were removed because no garment, or no seam, allows their links."""
+    def parts(self, document: Document) -> DecidedParts:
+        """Return the parts that were taken off, or are kept, though a garment or seams doubt their links."""
         pieces = self.algorithm.cloth_of_pieces(document) if document.garment.parts else ()
-        return [part for cloth in pieces for part in parts_taken_off(cloth, document.garment.parts)]
+        return decided_parts(pieces, document.garment.parts)
 
     def _by_garment(self, document: Document) -> _ByGarment:
         """Return a shape and its cloth after the decisions about links that no garment allows (cached).
@@ -265,12 +266,11 @@ class Integration:
             cloth = self._cloth(document)
             if cloth is None:
                 return _ByGarment(made, None, None)
-            parts = self.parts_taken_off(document)
-            apart = self.algorithm.apart(document, parts) if parts else None
-            if apart is not None:
-                made, cloth = apart
+            parts = self.parts(document)
+            if any(parts):
+                made, cloth = self.algorithm.as_decided(document, parts)
             made = replace(made, view=with_doubts(made.view, cloth, document.garment.parts))
-            return _ByGarment(made, cloth, np.any(parts, axis=0) if parts else None)
+            return _ByGarment(made, cloth, np.any(parts.taken_off, axis=0) if parts.taken_off else None)
 
         return self._decided.get((*_shape_of(document), document.garment.parts), make)
 

@@ -22,6 +22,7 @@ from flatcloth.garments.named_points import KNOWN_STD_M, POINT_NEAR_M, dimension
 from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import NONE, Recognition, held_fit
 from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions, HeldPoint, PlacedPiece
+from flatcloth.shape.joints import DecidedParts
 
 _LEAST_FOUND = 0.5  # by definition: most of the points of a decision, or its cloth is gone
 
@@ -243,15 +244,13 @@ def is_decided(cloth: Cloth, part: Bool, decisions: Sequence[DoubtedPart]) -> bo
     return any(is_same_part(part, other) for _, other in last_decisions(cloth, decisions))
 
 
-def kept_parts(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[Bool]:
-    """Return the samples (N,) of each part that the operator keeps on the shape."""
-    last = last_decisions(cloth, decisions)
-    return [part for decision, part in last if not decision.taken_off and not decision.std_m]
-
-
-def parts_taken_off(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[Bool]:
-    """Return the samples (N,) of each part that is taken off now; of a part, the last decision counts."""
-    return [part for decision, part in last_decisions(cloth, decisions) if decision.taken_off]
+def decided_parts(pieces: Sequence[Cloth], decisions: Sequence[DoubtedPart]) -> DecidedParts:
+    """Return the parts that were taken off pieces, or kept on them; of a part, the last decision counts."""
+    last = [each for cloth in pieces for each in last_decisions(cloth, decisions)]
+    return DecidedParts(
+        taken_off=[part for decision, part in last if decision.taken_off],
+        kept=[part for decision, part in last if not (decision.taken_off or decision.std_m)],
+    )
 
 
 def last_decisions(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[tuple[DoubtedPart, Bool]]:

@@ -22,6 +22,7 @@ from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.sampling import BENT_DEG, LEAST_INTERVAL_M
 from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document, PlacedPart, Side
+from flatcloth.shape.joints import DecidedParts
 from flatcloth.shape.shape import Change
 
 
@@ -286,14 +287,12 @@ class Ends(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class OneSide:
-    """One side of an item by itself: the decisions about it, its canonical view, and where its cloth ends.
-
-    ``parts`` are the samples (N,) that were taken off its shape, as in ``Method.apart``; ``ends`` are of the
-    canonical view and of each floating piece.
+    """One side of an item by itself: the decisions about it and its ``parts``, its canonical view, and where
+    its cloth ends: that of the canonical view and of each floating piece.
     """
 
     document: Document
-    parts: Sequence[Bool]
+    parts: DecidedParts
     canonical: Canonical
     ends: Sequence[Ends]
 

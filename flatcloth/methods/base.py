@@ -39,6 +39,7 @@ from flatcloth.methods.answers import (
     Plan,
 )
 from flatcloth.session.document import Document, Later, Side
+from flatcloth.shape.joints import DecidedParts
 
 if TYPE_CHECKING:
     from flatcloth.flattening.flatten import Flattening
@@ -213,12 +214,9 @@ class Method(Protocol):
         """Return how each piece is connected, the shape first; none if the edges have no evidence."""
         return []
 
-    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, Cloth] | None:
-        """Return the canonical view, and its edges, with ``parts`` (N,) of the edges' samples floating.
-
-        None if the method's edges have no evidence.
-        """
-        return None
+    def as_decided(self, document: Document, parts: DecidedParts) -> tuple[Canonical, Cloth]:
+        """Return the canonical view, and its edges, by decisions about parts of these ``Cloth`` edges."""
+        raise NotImplementedError
 
     def why_unusable(self, view_index: int) -> str:
         """Return why a view shows too little cloth to be part of a shape; empty if it shows enough."""

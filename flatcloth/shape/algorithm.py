@@ -18,10 +18,10 @@ from flatcloth.core.types import Bool, Complex128, Int32
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, Links, graph_of, uv_of, view_frames
 from flatcloth.shape.hand import ByHand, with_hands
-from flatcloth.shape.joints import doubt_m, seen_often
+from flatcloth.shape.joints import DecidedParts, doubt_m, seen_often
 from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, rotations
 from flatcloth.shape.observations import Observed, PlacedView, observe_all, with_view
-from flatcloth.shape.pieces import cut_of_overlap, pieces_of, weakly_joined
+from flatcloth.shape.pieces import cut_of_overlap, pieces_of
 from flatcloth.shape.ripples import LOST, ripples_of
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
@@ -63,12 +63,16 @@ def shape(
     return _shape(seen, graph, links, found, vouched, upright)
 
 
-def apart(whole: Shape, parts: Sequence[Bool], upright: int) -> Shape:
-    """Return a shape with each of ``parts`` (N,) of its nodes as a piece of its own, all laid out again."""
-    of_part = np.array(parts)[:, whole.graph.pairs]
-    joins = (of_part[:, :, 0] == of_part[:, :, 1]).all(axis=0)
-    laid = laid_out(whole.graph, whole.holds & joins, whole.vouched)
-    return _shape(whole, whole.graph, whole.links, laid, whole.vouched, upright, whole.scale)
+def as_decided(whole: Shape, parts: DecidedParts, upright: int) -> Shape:
+    """Return a shape, laid out again, with each part that was taken off as a piece of its own.
+
+    The joints of those that are kept are not doubted.
+    """
+    holds, (first, second) = whole.holds.copy(), whole.graph.pairs.T
+    for part in parts.taken_off:
+        holds &= part[first] == part[second]
+    laid = laid_out(whole.graph, holds, whole.vouched)
+    return _shape(whole, whole.graph, whole.links, laid, whole.vouched, upright, whole.scale, parts.kept)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,10 +134,10 @@ def _shape(
     vouched: Bool,
     upright: int,
     scale: float | None = None,
+    kept: Sequence[Bool] = (),
 ) -> Shape:
     """Return a laid-out graph as a shape: every piece upright, at its place on the plane, with deviations."""
-    piece = np.where(weakly_joined(graph, laid.holds, laid.piece), -1, laid.piece).astype(np.int32)
-    z = _upright(seen, laid, upright)
+    piece, z = laid.piece, _upright(seen, laid, upright)
     # 8. A noisy sensor takes ripples off all lengths; one factor for all, as others would bend necks.
     ripples, main = np.zeros(len(graph)), piece == 0
     is_noisy = any(view.is_noisy for view in seen.observations)
@@ -151,7 +155,8 @@ def _shape(
     if is_noisy:
         evidence = seen_often(np.where(laid.holds, graph.evidence, 0.0), graph.views)
         std_m = np.hypot(
-            np.hypot(std_m, PLACE_STD_M), doubt_m(graph.pairs, evidence, laid.piece == 0, laid.z)
+            np.hypot(std_m, PLACE_STD_M),
+            doubt_m(graph.pairs, evidence, laid.piece == 0, laid.z, kept=kept),
         )
     return Shape(
         nodes=seen.nodes,
@@ -165,6 +170,7 @@ def _shape(
         std_m=std_m,
         vouched=vouched,
         scale=scale,
+        kept=kept,
     )
 
 

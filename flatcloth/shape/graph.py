@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import Rigid3, tangent_basis
-from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
+from flatcloth.core.types import Complex128, Float64, Int32, Int64
 from flatcloth.shape.observations import Nodes, Observation
 
 ANOTHER_LAYER_M = 0.0018
@@ -151,12 +151,6 @@ def view_frames(nodes: Nodes, seen: Observation, object_from_camera: Rigid3) -> 
     return unit
 
 
-def evidence_of_nodes(graph: Graph, holds: Bool) -> Float64:
-    """Return the evidence (N,) that joins each node of a graph to others, by the pairs that hold (P,)."""
-    twice = np.repeat(np.where(holds, graph.evidence, 0.0), 2)
-    return np.bincount(graph.pairs.ravel(), twice, len(graph)).astype(np.float64)
-
-
 def uv_of(z: Complex128) -> Float64:
     """Return complex places (N,) as (N, 2), m."""
     return np.stack([z.real, z.imag], axis=1)
@@ -191,9 +185,7 @@ def merged(parts: Sequence[Graph], xyz_m: Float64) -> tuple[Graph, Int64]:
 
 
 def rotations_at(graph: Graph, z: Complex128) -> Complex128:
-    """Return the rotation (N,), unit complex, of each node's frame at places (N,) of the plane, NaN for
-    none.
-    """
+    """Return the rotation (N,), unit complex, of each node's frame at places (N,), which may be NaN."""
     turn: Complex128 = np.zeros(len(z), dtype=complex)
     known = np.isfinite(z[graph.pairs]).all(axis=1)
     ends, offset = graph.pairs[known], graph.offset_m[known]

@@ -8,7 +8,9 @@ crossed by pairs that few views see (``docs/robust.md``).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -31,6 +33,13 @@ _REACH = 1.2
 """The item is so much larger than what is seen of it. Chosen: parts of shirts lie beyond its other end."""
 
 
+class DecidedParts(NamedTuple):
+    """Parts of a shape, each (N,) of its nodes, that were taken off, and that the operator keeps on it."""
+
+    taken_off: Sequence[Bool] = ()
+    kept: Sequence[Bool] = ()
+
+
 @dataclass(frozen=True)
 class WeakJoint:
     """A joint with little evidence: a ``part`` (N,) of the nodes, and what joins it to the rest.
@@ -45,18 +54,24 @@ class WeakJoint:
 
 
 def doubt_m(
-    pairs: Int32, evidence: Float64, own: Bool, z: Complex128, reference: Bool | None = None
+    pairs: Int32,
+    evidence: Float64,
+    own: Bool,
+    z: Complex128,
+    reference: Bool | None = None,
+    kept: Sequence[Bool] = (),
 ) -> Float64:
     """Return the deviation (N,) that the joints of a piece, ``own``, leave to each node; 0 for others.
 
     ``evidence`` (P,) of the ``pairs`` (P, 2) is that of :func:`seen_often`, or of what else is known about a
-    joint. Deviations are from the middle of the piece, or of the ``reference`` (N,).
+    joint. Deviations are from the middle of the piece, or of the ``reference`` (N,). No joint is doubted that
+    one of the parts (N,) hangs on that the operator ``kept``.
 
     Either a part is joined rightly, or it lies anywhere on the item: as far off as the item's other end.
     ``z`` (N,) are the places of the nodes.
     """
     away_m = np.abs(z - z[own].mean())
-    node, before, size, joins = _branches_of(pairs, evidence, own, reference)
+    node, before, size, joins = _branches_of(pairs, evidence, own, reference, kept)
     weakest = joins * np.where(size < LEAST_PIECE, _FEW_NODES, 1.0)
     weakest[0] = np.inf
     for k in range(1, len(node)):
@@ -95,13 +110,15 @@ def evidence_of(false: float) -> float:
     return LEAST_EVIDENCE * math.sqrt(max(_FALSE_SHARE / max(false, 1e-12) - 1.0, 0.0))
 
 
-def weak_joints(pairs: Int32, evidence: Float64, own: Bool, reference: Bool | None = None) -> list[WeakJoint]:
+def weak_joints(
+    pairs: Int32, evidence: Float64, own: Bool, reference: Bool | None = None, kept: Sequence[Bool] = ()
+) -> list[WeakJoint]:
     """Return the joints of a piece that may be false, that with most doubtful cloth first.
 
     Arguments are those of :func:`doubt_m`, whose doubt this explains. Of branches that have most of their
     nodes in common the weakest is the joint, and cloth behind it has no other one.
     """
-    node, _, size, joins = _branches_of(pairs, evidence, own, reference)
+    node, _, size, joins = _branches_of(pairs, evidence, own, reference, kept)
     weak = (size >= LEAST_PIECE) & (joins < evidence_of(0.5 * _NEGLIGIBLE))
     found = dict[int, WeakJoint]()
     for k in np.argsort(np.where(weak, joins, np.inf), kind="stable")[: weak.sum()].tolist():
@@ -115,7 +132,7 @@ def weak_joints(pairs: Int32, evidence: Float64, own: Bool, reference: Bool | No
 
 
 def _branches_of(
-    pairs: Int32, evidence: Float64, own: Bool, reference: Bool | None
+    pairs: Int32, evidence: Float64, own: Bool, reference: Bool | None, kept: Sequence[Bool]
 ) -> tuple[Int64, Int64, Int64, Float64]:
     """Return the branches (K,) of cloth that hang on the middle of the reference, each after what holds it.
 
@@ -140,6 +157,12 @@ def _branches_of(
         hanging = np.concatenate([[0], np.cumsum(counts[order])])
         hanging = hanging[np.arange(len(order)) + size] - hanging[:-1]
         middle = int(order[np.flatnonzero(2 * hanging > counts[order].sum())[-1]])
+    for part in kept:
+        inside = np.concatenate([[0], np.cumsum(part[node[order]])])
+        common = inside[np.arange(len(order)) + size] - inside[:-1]
+        leaves[2 * common > size + inside[-1] - common] = (
+            np.inf
+        )  # most of the branch is the part, and all of it
     return node[order], before, size, leaves
 
 

@@ -9,12 +9,12 @@ side by side in space. Where they are not, a false link joins what is apart.
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from flatcloth.core.compiled import njit
-from flatcloth.core.graphs import components, cut_between, grouped
+from flatcloth.core.graphs import components, cut_between
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
-from flatcloth.shape.graph import Graph, evidence_of_nodes, uv_of
+from flatcloth.shape.graph import Graph, pairs_once, uv_of
 
 LEAST_EVIDENCE = 2.0
 """Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
@@ -32,8 +32,6 @@ one another: no noise explains that. Set by hand."""
 MOST_CUT_EVIDENCE = 20.0
 """Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
 hand."""
-_LEAST_OF_MEDIAN = 0.025
-"""A node is not shown that a smaller share of the median node's evidence joins to others. Set by hand."""
 _TRIANGLES = 3
 """A pair is firm if at least this many nodes are neighbours of both its ends. Set by hand."""
 
@@ -52,14 +50,6 @@ def pieces_of(graph: Graph, holds: Bool) -> Int32:
     number = np.full(len(size), -1, dtype=np.int32)
     number[order] = np.arange(len(order), dtype=np.int32)
     return number[part]
-
-
-def weakly_joined(graph: Graph, holds: Bool, piece: Int32) -> Bool:
-    """Return the nodes (N,) whose place is not shown, since hardly any evidence joins them to their piece."""
-    evidence = evidence_of_nodes(graph, holds)
-    usual = float(np.median(evidence[piece == 0]))
-    weak: Bool = evidence < _LEAST_OF_MEDIAN * usual
-    return weak
 
 
 def cut_of_overlap(graph: Graph, holds: Bool, piece: Int32, z: Complex128, by_hand: Bool) -> Bool:
@@ -92,7 +82,7 @@ def _connected(graph: Graph, holds: Bool) -> Int32:
     """
     n, edges, evidence = len(graph), graph.pairs[holds], graph.evidence[holds]
     i, j = edges.T.copy()
-    core_of = components(n, edges[_neighbours_in_common(n, i, j) >= _TRIANGLES])
+    core_of = components(n, edges[_neighbours_in_common(n, edges) >= _TRIANGLES])
     is_core = np.bincount(core_of) >= LEAST_CORE
     label = _grown(np.where(is_core[core_of], core_of, -1), i, j, evidence)
     rest = label < 0
@@ -106,22 +96,11 @@ def both_ends(flags: Bool, edges: Int32 | Int64) -> Bool:
     return flags[edges[:, 0]] & flags[edges[:, 1]]
 
 
-@njit(cache=True, nogil=True)
-def _neighbours_in_common(n: int, low: Int32, high: Int32) -> Int32:
-    """Count for each pair (M,), sorted by its lower node and then by the higher, what both ends neighbour."""
-    first, _ = grouped(low, n)
-    counts = np.zeros(low.size, dtype=np.int32)
-    for e in range(low.size):  # each triangle is found at the pair of its two lowest nodes
-        a, b = e + 1, first[high[e]]
-        a_end, b_end = first[low[e] + 1], first[high[e] + 1]
-        while a < a_end and b < b_end:
-            difference = high[a] - high[b]
-            if difference == 0:
-                counts[e] += 1
-                counts[a] += 1
-                counts[b] += 1
-            a += difference <= 0
-            b += difference >= 0
+def _neighbours_in_common(n: int, edges: Int32) -> Int32:
+    """Count for each pair (M, 2) of n nodes what both ends neighbour."""
+    joined = csr_array((np.ones(len(edges), dtype=np.int32), edges.T), shape=(n, n))
+    both_ways = joined + joined.T
+    counts: Int32 = (both_ways @ both_ways)[edges[:, 0], edges[:, 1]]
     return counts
 
 
@@ -152,16 +131,13 @@ def _grown(label: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
 def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
     """Join parts if the pairs between them have enough evidence."""
     while True:
-        count = int(piece.max()) + 1
-        a, b = piece[i], piece[j]
-        across = a != b
-        low, high = np.minimum(a, b)[across].astype(np.int64), np.maximum(a, b)[across]
-        key, where = np.unique(low * count + high, return_inverse=True)
-        strong = np.bincount(where, evidence[across], key.size) >= LEAST_EVIDENCE
+        ends = np.stack([piece[i], piece[j]], axis=1)
+        across = ends[:, 0] != ends[:, 1]
+        joined, which = pairs_once(ends[across])
+        strong = np.bincount(which, evidence[across], len(joined)) >= LEAST_EVIDENCE
         if not strong.any():
             return piece
-        joined = np.stack(np.divmod(key[strong], count), axis=1).astype(np.int32)
-        piece = components(count, joined)[piece]
+        piece = components(int(piece.max()) + 1, joined[strong])[piece]
 
 
 def overlapping_pairs(uv_m: Float64, xyz_m: Float64) -> Int64:

@@ -13,7 +13,6 @@ from flatcloth.core.types import Bool, FlattenedView
 from flatcloth.flattening.ramps import RAMP_HALF_WIDTH_PX
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
-from flatcloth.shape.graph import evidence_of_nodes
 from flatcloth.shape.shape import Shape
 
 _OTHER_LAYER_M = 0.012
@@ -35,7 +34,9 @@ def with_placement_std(view: FlattenedView, shape: Shape, surfaces: Mapping[int,
     nodes = np.flatnonzero(np.isfinite(shape.std_m))
     if not nodes.size:
         return view
-    weak_m = _WEAK_STD_M / np.maximum(evidence_of_nodes(shape.graph, shape.holds), 1e-9)
+    pairs, of_pairs = shape.graph.pairs[shape.holds], shape.graph.evidence[shape.holds]
+    evidence = np.bincount(pairs.ravel(), np.repeat(of_pairs, 2), len(shape.graph))
+    weak_m = _WEAK_STD_M / np.maximum(evidence, 1e-9)
     std_m = np.hypot(shape.std_m, np.minimum(weak_m, _OTHER_LAYER_M))
     rows, cols = view.shape
     block_px = max(1, round(0.5 * LEAST_INTERVAL_M / view.pixel_size_m))  # half the distance of nodes

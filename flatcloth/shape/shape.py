@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -43,7 +43,8 @@ class Shape:
     too little evidence joins to any. ``all_uv_m`` (N, 2) are their places on the plane, NaN for these;
     floating pieces lie far from the main one. ``std_m`` (N,) is the standard deviation of the place of a node
     of the main piece, per axis; NaN for others. ``vouched`` (P,) are pairs by the operator's hand.
-    ``scale`` is the factor by which lengths of the graph are too short.
+    ``scale`` is the factor by which lengths of the graph are too short. ``kept`` are parts (N,) that the
+    operator keeps.
     """
 
     nodes: Nodes
@@ -57,6 +58,7 @@ class Shape:
     std_m: Float64
     vouched: Bool
     scale: float
+    kept: Sequence[Bool] = ()
 
     @cached_property
     def uv_m(self) -> Float64:

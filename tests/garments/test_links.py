@@ -13,9 +13,9 @@ from flatcloth.core.types import Rigid2
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import (
     decided_part,
+    decided_parts,
     found_again,
     is_decided,
-    parts_taken_off,
     pixels_of_part,
 )
 from flatcloth.garments.evidence import PieceEvidence
@@ -144,11 +144,11 @@ def test_a_decided_part_is_found_again_on_a_shape_that_was_turned_and_floats() -
     assert (again == part).all()
     assert is_decided(turned, part, [taken])
     kept = dataclasses.replace(taken, taken_off=False)
-    assert len(parts_taken_off(turned, [kept, taken])) == 1
-    assert parts_taken_off(turned, [taken, kept]) == []
+    assert len(decided_parts([turned], [kept, taken]).taken_off) == 1
+    assert decided_parts([turned], [taken, kept]).taken_off == []
     gone = dataclasses.replace(cloth, xyz_m=cloth.xyz_m + 1.0)
     assert found_again(gone, taken) is None
-    assert parts_taken_off(gone, [taken]) == []
+    assert decided_parts([gone], [taken]).taken_off == []
 
     view = blank_view(np.ones((115, 175), dtype=bool))
     own = pixels_of_part(view, cloth, part)

@@ -12,8 +12,9 @@ from flatcloth.core.config import Config, FlatteningConfig, SurfaceConfig
 from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import FlattenedView
 from flatcloth.flattening.surface import Surface, observe_surface
-from flatcloth.shape.algorithm import apart, shape
+from flatcloth.shape.algorithm import as_decided, shape
 from flatcloth.shape.drawing import composite, draw, pixel_cost
+from flatcloth.shape.joints import DecidedParts
 from flatcloth.shape.observations import FRONTAL_NOISE, PlacedView
 from flatcloth.shape.rims import with_placement_std
 from flatcloth.shape.shape import PIECES_APART_M, Shape, of_views
@@ -99,7 +100,9 @@ def test_the_cost_is_the_noise_at_that_incidence() -> None:
 
 def test_a_part_that_is_taken_off_is_drawn_as_a_floating_piece(made: Shape, view: FlattenedView) -> None:
     right = made.nodes.xyz_m[:, 0] > 0.03
-    main, floating, are_off = draw(apart(made, [right], 0), SURFACES, AXIS, Config(), COSTS, taken_off=right)
+    main, floating, are_off = draw(
+        as_decided(made, DecidedParts([right]), 0), SURFACES, AXIS, Config(), COSTS, taken_off=right
+    )
     (piece,) = floating
     assert are_off == {0}
     assert main.placement_std_m is not None
@@ -112,7 +115,7 @@ def test_a_part_that_is_taken_off_is_drawn_as_a_floating_piece(made: Shape, view
 def test_a_part_that_two_parts_divide_lies_where_its_own_pairs_say(made: Shape) -> None:
     around = made.nodes.xyz_m[:, 0]
     left, right = around < -0.03, around > 0.03
-    found = apart(made, [left, right], 0)
+    found = as_decided(made, DecidedParts([left, right]), 0)
     flat = CYLINDER.flat_uv_m(made.nodes.xyz_m)
     assert set(found.piece[found.has_place]) == {0, 1, 2}
     for number in range(3):

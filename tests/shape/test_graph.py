@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from made_up_sheets import STEP_M, STILL, grid, nodes_at, observed
+from made_up_sheets import STILL, grid, nodes_at, observed
 
 from flatcloth.core.geometry import Rigid3, rotation_about
-from flatcloth.shape.graph import evidence_of_nodes, graph_of, pairs_once
+from flatcloth.shape.graph import graph_of, pairs_once
 
 UV = grid(6, 8)
 EVERYTHING = np.ones(len(UV), dtype=bool)
@@ -60,12 +60,3 @@ def test_a_noisy_view_alone_may_mix_two_layers_and_more_views_tell_them_apart() 
     alone, four = (np.sqrt(std_m(n, is_noisy=True) ** 2 - exact[n > 1] ** 2) for n in (1, 4))
     assert alone > 0.001
     assert four < 0.3 * alone  # quicker than independent errors, whose mean is half as large
-
-
-def test_the_evidence_of_a_node_is_that_of_its_pairs_that_hold() -> None:
-    graph, _ = graph_of(nodes_at(UV), [observed(UV, EVERYTHING, 0, evidence=0.5)], [STILL])
-    every = np.ones(len(graph.pairs), dtype=bool)
-    inner = (np.abs(UV - UV.mean(axis=0)) < 1.6 * STEP_M).all(axis=1)
-    np.testing.assert_allclose(evidence_of_nodes(graph, every)[inner], 8 * 0.5)
-    of_first = (graph.pairs == 0).any(axis=1)
-    assert evidence_of_nodes(graph, ~of_first)[0] == 0.0

@@ -17,7 +17,6 @@ from flatcloth.shape.pieces import (
     overlapping_pairs,
     pieces_of,
     weakest_cut,
-    weakly_joined,
 )
 
 TWO = np.concatenate([grid(10, 10), grid(10, 10, (0.2, 0.0))])
@@ -64,20 +63,6 @@ def test_pieces_are_numbered_by_size_and_scraps_are_none() -> None:
 
 def test_a_shape_of_a_few_nodes_only_is_a_piece_nevertheless() -> None:
     assert set(pieces(grid(2, 3), [], 1.0)) == {0}
-
-
-@pytest.mark.parametrize(
-    ("usual", "little", "shown"), [(1.0, 0.02, False), (1.0, 0.2, True), (0.1, 0.02, True)]
-)
-def test_a_node_that_hardly_anything_joins_is_not_shown(usual: float, little: float, *, shown: bool) -> None:
-    """What is little depends on the sensor: a worse one gives less everywhere."""
-    graph = exact_graph(np.concatenate([grid(10, 10), [[0.08, 0.03]]]))
-    loose = (graph.pairs == 100).any(axis=1)
-    graph = replace(graph, evidence=np.where(loose, little, usual))
-    holds, piece = np.ones(len(loose), dtype=bool), np.zeros(101, dtype=np.int32)
-    weak = weakly_joined(graph, holds, piece)
-    assert not weak[:100].any()
-    assert weak[100] != shown
 
 
 ROWS, COLS = 16, 30

@@ -13,7 +13,8 @@ from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, fit_rigid2, object_from_camera, rotation_about
 from flatcloth.flattening.surface import observe_surface
-from flatcloth.shape.algorithm import apart, shape
+from flatcloth.shape.algorithm import as_decided, shape
+from flatcloth.shape.joints import DecidedParts
 from flatcloth.shape.observations import PlacedView
 from flatcloth.shape.shape import Shape
 
@@ -93,7 +94,7 @@ def test_lengths_that_noise_took_of_ripples_are_given_back_to_places_and_pairs_a
 def test_parts_are_taken_off_at_the_scale_of_the_whole(exact: Shape) -> None:
     around = CYLINDER.flat_uv_m(exact.nodes.xyz_m)[:, 0]
     off = around > 0.05
-    found = apart(replace(exact, scale=1.02), [off], 1)
+    found = as_decided(replace(exact, scale=1.02), DecidedParts([off]), 1)
     assert found.scale == 1.02
     assert set(found.piece[off & found.has_place]) == {1}
     assert set(found.piece[~off & found.has_place]) == {0}
@@ -112,3 +113,15 @@ def test_views_without_cloth_make_no_shape() -> None:
         shape([nothing], INTERVAL_PX, 0)
     found = shape([nothing, *views_of()[1:]], INTERVAL_PX, 1)
     assert found.views == (1, 2)
+
+
+def test_what_hangs_on_a_weak_joint_is_unsure_until_the_operator_keeps_it() -> None:
+    found = shape(views_of(noise_m=0.001), INTERVAL_PX, 1)
+    part = CYLINDER.flat_uv_m(found.nodes.xyz_m)[:, 0] > 0.03
+    first, second = found.graph.pairs.T
+    evidence = np.where(part[first] != part[second], 0.05, found.graph.evidence)
+    weak = replace(found, graph=replace(found.graph, evidence=evidence))
+    own = part & found.placed
+    std_m = [np.median(as_decided(weak, DecidedParts(kept=kept), 1).std_m[own]) for kept in ([], [part])]
+    assert std_m[0] > 10.0 * std_m[1]
+    assert std_m[1] < 2.0 * np.median(found.std_m[own])

@@ -17,7 +17,7 @@ from flatcloth.engine.garment.deciding import place_sure_pieces
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.garment import garment_document, lines_of, outcome_entry
 from flatcloth.flattening.cloth import Cloth
-from flatcloth.garments.deciding import DecidedPieces, decided_pieces, parts_taken_off
+from flatcloth.garments.deciding import DecidedPieces, decided_parts, decided_pieces
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, recognise
@@ -285,7 +285,9 @@ def test_run_takes_off_what_seams_show_to_be_joined_falsely_and_else_makes_it_un
     place_sure_pieces(service, session)
     parts = session.state.document.garment.parts
     (decided,) = parts
-    assert [(found == left).all() for found in parts_taken_off(service.cloth, parts)] == [True] * is_false
+    assert [(found == left).all() for found in decided_parts([service.cloth], parts).taken_off] == [
+        True
+    ] * is_false
     assert decided.std_m == (0.0 if is_false else 0.2)
     assert decided.probability == pytest.approx(0.05 if is_false else 0.7)
     place_sure_pieces(service, session)

@@ -10,7 +10,7 @@ import numpy as np
 
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.flattening.cloth import Cloth
-from flatcloth.garments.deciding import is_same_part, kept_parts, last_decisions
+from flatcloth.garments.deciding import decided_parts, is_same_part, last_decisions
 from flatcloth.garments.evidence import LEAST_AREA_M2
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.session.garment import DoubtedPart
@@ -73,7 +73,7 @@ def joints_of(
     for joint in weak_joints(pairs, counted, cloth.placed):
         if not any(is_same_part(joint.part, part) for part, _ in parts):
             parts.append((joint.part, 1.0 - joint.false * cloth.is_noisy))
-    kept, least = kept_parts(cloth, decisions), LEAST_AREA_M2 / cloth.spacing_m**2
+    kept, least = decided_parts([cloth], decisions).kept, LEAST_AREA_M2 / cloth.spacing_m**2
     found = []
     for part, probability in parts:
         across = np.flatnonzero(cloth.joined & (part[cloth.edges[:, 0]] != part[cloth.edges[:, 1]]))

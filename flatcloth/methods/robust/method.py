@@ -59,8 +59,9 @@ from flatcloth.methods.robust.shapes import MOST_KEPT, RegisteredViews, Shapes, 
 from flatcloth.methods.starting import overlap_area_m2, start_by_view
 from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Accepted, Document, Later, Side
-from flatcloth.shape.algorithm import apart
+from flatcloth.shape.algorithm import as_decided
 from flatcloth.shape.drawing import draw, states_of_nodes, states_on_surface
+from flatcloth.shape.joints import DecidedParts
 from flatcloth.shape.observations import associate
 from flatcloth.shape.shape import Shape, change_by, of_views
 
@@ -86,7 +87,7 @@ class RobustMethod(Method):
         self._hypotheses: Cache[dict[int, Hypothesis]] = Cache(4)
         self._scores: Cache[AlignmentScore] = Cache(MOST_KEPT)
         self._drawn: Cache[Canonical] = Cache(2)
-        self._apart: Cache[Shape] = Cache(2)
+        self._decided: Cache[Shape] = Cache(2)
         self._seamed: Cache[Seamed] = Cache(1)
 
     # ------------------------------------------------- next best view (in place of the paper's 4.1)
@@ -303,15 +304,15 @@ class RobustMethod(Method):
         """Return the cloth that the views of an earlier state show, where the whole document has it."""
         return self._draw(earlier, of_views(self.shapes.of(document), earlier.used_views))
 
-    def _without(self, document: Document, parts: Sequence[Bool]) -> Shape:
-        """Return the shape without some parts (N,), which float (cached)."""
+    def _as_decided(self, document: Document, parts: DecidedParts) -> Shape:
+        """Return the shape by decisions about its parts (cached)."""
         shape = self.shapes.of(document)
-        if not parts:
+        if not any(parts):
             return shape
         assert document.start_view is not None
         upright = document.start_view
-        key = shape, *(part.tobytes() for part in parts)
-        return self._apart.get(key, lambda: apart(shape, parts, upright))
+        key = shape, *(tuple(part.tobytes() for part in each) for each in parts)
+        return self._decided.get(key, lambda: as_decided(shape, parts, upright))
 
     def _drawn_of(self, document: Document, shape: Shape, taken_off: Bool | None = None) -> Canonical:
         return self._drawn.get(shape, lambda: self._draw(document, shape, taken_off))
@@ -332,10 +333,11 @@ class RobustMethod(Method):
             view=view, current_from_view=_Motions(self, document, shape), floating=floating, taken_off=are_off
         )
 
-    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, Cloth]:
-        """Return the canonical view without some parts, which float, and its edges (doubted links)."""
-        shape = self._without(document, parts)
-        return self._drawn_of(document, shape, np.any(parts, axis=0)), _edges_of(shape)
+    def as_decided(self, document: Document, parts: DecidedParts) -> tuple[Canonical, Cloth]:
+        """Return the canonical view by decisions about its parts, and its edges."""
+        shape = self._as_decided(document, parts)
+        are_off = np.any(parts.taken_off, axis=0) if parts.taken_off else None
+        return self._drawn_of(document, shape, are_off), _edges_of(shape)
 
     # ------------------------------------------------- the other side
 
@@ -356,7 +358,7 @@ class RobustMethod(Method):
         pieces = [(side.canonical.view, *side.canonical.floating) for side in (own, its)]
         seams = own.document.garment.seams
         check()
-        shapes = self._without(own.document, own.parts), other._without(its.document, its.parts)
+        shapes = self._as_decided(own.document, own.parts), other._as_decided(its.document, its.parts)
         ends = own.ends, its.ends
         seamed = other._seamed.get(  # where a garment lays floating pieces changes no seam
             (*shapes, seams), lambda: join_sides(*shapes, (pieces[0], pieces[1]), ends, seams, check)

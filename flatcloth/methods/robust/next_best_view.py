@@ -118,7 +118,7 @@ def _gaps(shape: Shape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], float]
     floating = np.flatnonzero(piece > 0)
     evidence = seen_often(np.where(shape.holds, shape.graph.evidence, 0.0), shape.graph.views)
     is_noisy = any(seen.is_noisy for seen in shape.observations)
-    weak = weak_joints(shape.graph.pairs, evidence, shape.placed) if is_noisy else []
+    weak = weak_joints(shape.graph.pairs, evidence, shape.placed, None, shape.kept) if is_noisy else []
     number = np.cumsum(shape.has_place) - 1
     found = list[tuple[NDArray[np.intp], NDArray[np.intp], float]]()
     for joint in weak:

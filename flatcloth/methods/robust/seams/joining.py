@@ -370,13 +370,14 @@ def _on_plane(
     reference = np.zeros(len(graph), dtype=np.bool_)
     reference[:n] = piece[:n] > 0
     reference[own] = True
+    kept = [np.pad(part, (0, len(graph) - n)) for part in this.kept]
     std_m, weak = deviations_m(laid.at, graph, piece, reference), list[WeakJoint]()
     if any(view.is_noisy for view in this.observations):
         std_m = np.hypot(std_m, PLACE_STD_M)
         for number in np.unique(piece[reference]).tolist():
-            doubt = doubt_m(graph.pairs, evidence, piece == number, laid.z, reference)
+            doubt = doubt_m(graph.pairs, evidence, piece == number, laid.z, reference, kept)
             std_m = np.hypot(std_m, doubt)
-        weak = weak_joints(graph.pairs, evidence, piece == 0, reference)
+        weak = weak_joints(graph.pairs, evidence, piece == 0, reference, kept)
     return Both(all_uv_m=uv, piece=piece), std_m, weak
 
 

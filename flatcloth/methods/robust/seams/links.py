@@ -23,9 +23,9 @@ from flatcloth.methods.answers import Ends
 from flatcloth.methods.robust.seams.configuration import MOST_SETS, configured
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.segmentation.settings import SURE
-from flatcloth.shape.algorithm import apart
+from flatcloth.shape.algorithm import as_decided
 from flatcloth.shape.graph import z_of
-from flatcloth.shape.joints import seen_often
+from flatcloth.shape.joints import DecidedParts, seen_often
 from flatcloth.shape.pieces import LEAST_PIECE
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
@@ -362,7 +362,7 @@ def _taken_apart(shape: Shape, side: Int64, matches: Matches, node: Int64) -> tu
         return shape, matches
     code = np.where(shape.piece >= 0, side * (int(shape.piece.max()) + 1) + shape.piece, -1)
     parts = [part for number in np.unique(code[code >= 0]) if (part := code == number).sum() >= LEAST_PIECE]
-    laid = apart(shape, parts, shape.views[0])
+    laid = as_decided(shape, DecidedParts(parts), shape.views[0])
     piece, uv_m = np.full_like(shape.piece, -1), shape.all_uv_m.copy()
     for number, part in enumerate(parts):
         is_divided = part.sum() < (shape.piece == shape.piece[part][0]).sum()
