@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
 import pytest
 
 from flatcloth.cli import main
-from flatcloth.commands import view
-from flatcloth.commands.opening import Opener
+from flatcloth.commands.view import Opener, Options
 from flatcloth.core.resources import sample_mesh
 from flatcloth.synthesis.meshes import read_mesh
 from flatcloth.viewer.places import Places
@@ -69,9 +67,7 @@ def test_the_start_screen_opens_the_bundled_cell_with_its_first_view_in_the_user
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr("flatcloth.engine.warmup.compile_beside", lambda: None)
-    parser = argparse.ArgumentParser()
-    view.add_options(parser)
-    opened = Opener(parser.parse_args([]))(Places().chosen("cell", ""), None)
+    opened = Opener(Options())(Places().chosen("cell", ""), None)
     assert opened is not None
     try:
         assert len(opened.integration.recording) == 1
