@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,9 @@ from flatcloth.engine.integration import Integration
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.grasping.grasps import Grip, grasp_at
 from flatcloth.grasping.grips import GripStore
-from flatcloth.recordings import open_recording
+from flatcloth.recordings import Recording, open_recording
+from flatcloth.recordings.base import fingerprint
+from flatcloth.session.header import HEADER
 from flatcloth.session.machine import Accept, Command, Event, Propose, Reject, Start, Undo
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.server.app import PageServer
@@ -81,9 +84,28 @@ class Operator:
         return pending.view_index
 
 
+_WRITTEN: dict[str, dict[str, bytes]] = {}
+"""The files of sessions that were written, by their recordings: each takes two seconds."""
+
+
 def write_session(folder: Path, recording: Path) -> Path:
     """Integrate by hand: accepted, refused, taken back; with picks on the cloth, at its edge, and lost."""
     opened = open_recording(recording)
+    key = fingerprint(opened)
+    if key not in _WRITTEN:
+        with tempfile.TemporaryDirectory() as place:
+            _integrated_by_hand(Path(place) / "session", opened)
+            _WRITTEN[key] = {file.name: file.read_bytes() for file in (Path(place) / "session").iterdir()}
+    folder.mkdir(parents=True, mode=0o700)
+    for name, data in _WRITTEN[key].items():
+        (folder / name).write_bytes(data)
+    header = json.loads((folder / HEADER).read_text())
+    header["recording"]["location"] = opened.location
+    (folder / HEADER).write_text(json.dumps(header, indent=1) + "\n")
+    return folder
+
+
+def _integrated_by_hand(folder: Path, opened: Recording) -> None:
     integration = Integration(opened, method="paper")
     session = SessionFolder.open(folder, opened, integration.config, "paper")
     try:
@@ -109,7 +131,6 @@ def write_session(folder: Path, recording: Path) -> Path:
         GripStore(folder).set(1, Grip(opening_m=0.06))
     finally:
         session.close()
-    return folder
 
 
 def cylinder_session(folder: Path) -> OpenedSession:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -147,7 +146,7 @@ class GuidedCapture:
         )
 
 
-def writer_for(camera: Camera, folder: str | os.PathLike[str], name: str, resume: bool) -> RecordingWriter:
+def writer_for(camera: Camera, folder: str, name: str, resume: bool) -> RecordingWriter:
     """Open a folder for the views of a camera; see :class:`RecordingWriter`."""
     return RecordingWriter(
         folder,

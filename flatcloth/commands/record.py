@@ -60,7 +60,7 @@ def run(options: Options) -> None:
     with closing(open_camera(options.camera, options.align or "depth")) as camera:
         guided = GuidedCapture(
             camera,
-            lambda: writer_for(camera, options.out, options.name or options.out.name, options.resume),
+            lambda: writer_for(camera, str(options.out), options.name or options.out.name, options.resume),
             10.0 if options.step is None else options.step,
             capture.FRAMES if options.frames is None else options.frames,
         )

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from garment_meshes import arc, write_obj
 
 from flatcloth.cli import main
 from flatcloth.commands.view import Opener, Options
@@ -17,8 +18,9 @@ from flatcloth.viewer.places import Places
 def test_a_goal_that_the_budget_does_not_reach_ends_with_1_and_its_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "out"
-    command = ["active", "--cell", "--out", str(out), "--sensor", "none", "--goal", "kind", "--budget"]
+    out, sheet = tmp_path / "out", write_obj(tmp_path / "sheet.obj", *arc(200, columns=48))
+    command = ["active", "--cell", str(sheet), "--out", str(out), "--sensor", "none", "--goal", "kind"]
+    command += ["--panel", "1", "--budget"]
     assert main([*command, "1"]) == 1
     text = capsys.readouterr().out
     assert "View 0: turn by +0 to 0 degrees." in text

@@ -163,11 +163,6 @@ def test_a_token_that_nobody_would_see_is_refused(
     assert "--token-file or FLATCLOTH_TOKEN" in capsys.readouterr().err
 
 
-def test_a_log_that_cannot_be_written_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "x", "--out", "y", "--log-file", str(tmp_path)]) == 2
-    assert f"{tmp_path}: the log cannot be written" in capsys.readouterr().err
-
-
 def test_errors_are_in_the_log_file_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / "new" / "log.txt"
     assert main(["run", "no-such-recording", "--out", "y", "--log-file", str(log), "-q"]) == 2
@@ -176,6 +171,8 @@ def test_errors_are_in_the_log_file_too(tmp_path: Path, capsys: pytest.CaptureFi
     assert said.count("\n") == 1
     assert "ERROR" in log.read_text()
     assert "no-such-recording" in log.read_text()
+    assert main(["run", "x", "--out", "y", "--log-file", str(tmp_path)]) == 2
+    assert f"{tmp_path}: the log cannot be written" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
@@ -192,12 +189,6 @@ complete_words flatcloth run --method pa
 """
     done = subprocess.run(["bash", "-c", script + ask], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["evaluate", "--method", "paper"]
-
-
-def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["--version"])
-    assert __version__ in capsys.readouterr().out
 
 
 def test_app_starts_without_realsense_and_open3d() -> None:
@@ -237,12 +228,12 @@ def test_every_command_tells_its_options_and_examples(
     assert f"flatcloth {command}" in told
 
 
-def test_the_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    told = capsys.readouterr().out
-    for command in COMMANDS:
-        assert f"\n    {command} " in told
+def test_the_help_names_every_command_and_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    for option, wanted in (("--help", [f"\n    {name} " for name in COMMANDS]), ("--version", [__version__])):
+        with pytest.raises(SystemExit):
+            main([option])
+        told = capsys.readouterr().out
+        assert all(text in told for text in wanted)
 
 
 def test_at_its_end_nothing_waits_for_threads_or_takes_apart_what_was_loaded() -> None:
