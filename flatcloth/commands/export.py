@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import MISSING, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,8 @@ from flatcloth.core.errors import FlatclothError, GarmentError, os_errors_as
 from flatcloth.core.plain_files import check_replacing
 
 if TYPE_CHECKING:
-    from flatcloth.core.geometry import Rigid3
     from flatcloth.export.session import OpenedSession
+    from flatcloth.export.session_data import SessionData
 
 SUMMARY = "export a session as data, offline page, report, figures, animation, grasp poses or outline"
 EXAMPLES = """examples:
@@ -32,7 +33,16 @@ _NAMES = {
     "garment": "garment.json",
 }
 """The names of the outputs that are made without options."""
-LIBRARIES = {"rerun": ("rerun", "rerun-sdk", "rerun"), "mcap": ("foxglove", "foxglove-sdk", "foxglove")}
+_SUFFIXES = {"animation": (".mp4",), "outline": (".svg", ".dxf", ".json")}
+"""How the name of an output ends that is written in several formats, or was in another."""
+_DRAWING = ("matplotlib", "matplotlib", "export")
+_LIBRARIES = {
+    "report": _DRAWING,
+    "figures": _DRAWING,
+    "animation": _DRAWING,
+    "rerun": ("rerun", "rerun-sdk", "rerun"),
+    "mcap": ("foxglove", "foxglove-sdk", "foxglove"),
+}
 """The module, the package and the extra that an output needs."""
 
 
@@ -83,8 +93,9 @@ def run(options: Options) -> None:
             session = open_session(
                 options.session, options.recording, bar.show, options=options.source_options()
             )
+            data = session.data(base_from_camera, options.rotation)
             for name in wanted:
-                _write(name, session, getattr(options, name), base_from_camera, options.rotation)
+                _write(name, session, data, getattr(options, name))
                 written.append(getattr(options, name))
     finally:
         document = {"written": [str(path) for path in written]}
@@ -93,41 +104,30 @@ def run(options: Options) -> None:
 
 def _check(name: str, path: Path) -> None:
     """Raise an error if an output could not be written, before the work for all of them begins."""
-    if name in ("report", "figures", "animation"):
-        from flatcloth.rendering.drawing import check_matplotlib
-
-        check_matplotlib()
-    if name == "animation":
-        from flatcloth.export import animation
-
-        animation.check_suffix(path)
-    if name == "outline":
-        from flatcloth.export import outline
-
-        outline.check_suffix(path.suffix)
-    if name in LIBRARIES:
-        from flatcloth.export.formats.moments import check_library
-
-        check_library(*LIBRARIES[name])
+    known = _SUFFIXES.get(name, (path.suffix.lower(),))
+    if path.suffix.lower() not in known:
+        raise FlatclothError(f"{path}: the {name} is written as {', '.join(known)}. Choose such a name.")
+    module, package, extra = _LIBRARIES.get(name, ("flatcloth", "", ""))
+    if find_spec(module) is None:
+        raise FlatclothError(f"{package} is not installed; pip install 'flatcloth[{extra}]'.")
     is_folder = name in ("data", "figures")
-    remedy = f"Choose another {'folder' if is_folder else 'file'}."
-    with os_errors_as(FlatclothError, f"{path}: cannot be written", remedy):
+    other = f"Choose another {'folder' if is_folder else 'file'}."
+    with os_errors_as(FlatclothError, f"{path}: cannot be written", other):
         check_replacing(path / "checked" if is_folder else path)
 
 
-def _write(
-    name: str, session: OpenedSession, path: Path, base_from_camera: Rigid3 | None, rotation_deg: float | None
-) -> None:
+def _write(name: str, session: OpenedSession, data: SessionData, path: Path) -> None:
     from flatcloth.export.by_name import made
     from flatcloth.export.files import write_file
 
     match name:
         case "data":
-            session.data(base_from_camera, rotation_deg).write(path)
+            data.write(path)
         case "figures":
-            from flatcloth.export.figures import write_figures
+            from flatcloth.export.figures import figure_files
 
-            write_figures(session, path)
+            for file, content in figure_files(session):
+                write_file(path / file, content)
         case "rerun":
             from flatcloth.export.formats.rerun import write_rrd
 
@@ -137,7 +137,7 @@ def _write(
 
             write_mcap(session, path)
         case "grasps":
-            write_file(path, session.data(base_from_camera, rotation_deg).file("grasps.json") or b"")
+            write_file(path, data.file("grasps.json") or b"")
         case "outline":
             write_file(path, made(session, f"outline{path.suffix.lower()}"))
         case _:
