@@ -28,15 +28,12 @@ def _checked(folder: Path, angles: list[float], capsys: pytest.CaptureFixture[st
         (math.degrees(1.0), "radians"),
         (360.0, "turns"),
         (0.9, "gradians"),
-        (360 / 1024, "10-bit encoder"),
-        (360 / 4096, "12-bit encoder"),
         (360 / 16384, "14-bit encoder"),
         (1.8, "motor with 200 a turn"),
         (360 / 3200, "motor with 3200 a turn"),
         (1 / 36, "gear of 1:36"),
         (10.0, "numbers of views 10 degrees apart"),
         (0.37, ""),
-        (2.2, ""),
     ],
 )
 def test_a_unit_of_angles_is_named_where_an_estimate_allows_it(degrees_a_unit: float, name: str) -> None:

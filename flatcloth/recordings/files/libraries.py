@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import importlib
 import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -54,22 +55,27 @@ def load_realsense() -> Any:
         ) from error
 
 
+_silencing = threading.RLock()
+"""Two threads would keep each other's silence for the standard error."""
+
+
 @contextlib.contextmanager
 def damage_told(path: Path) -> Iterator[None]:
     """Raise what a library raises on a damaged file as ``RecordingError``; what it prints is lost.
 
     Nothing else is on standard error then, also of other threads.
     """
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    except (RecordingError, MemoryError):
-        raise
-    except Exception as error:  # a library may raise anything
-        cause = f"truncated or damaged ({shortened(' '.join(str(error).split()), 120)})"
-        raise RecordingError(f"{path}: {cause}. Copy or export the image again.") from error
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+    with _silencing:
+        kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nowhere, 2)
+            yield
+        except (RecordingError, MemoryError):
+            raise
+        except Exception as error:  # a library may raise anything
+            cause = f"truncated or damaged ({shortened(' '.join(str(error).split()), 120)})"
+            raise RecordingError(f"{path}: {cause}. Copy or export the image again.") from error
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            os.close(nowhere)
