@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shutil
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -84,21 +85,17 @@ class Operator:
         return pending.view_index
 
 
-_WRITTEN: dict[str, dict[str, bytes]] = {}
-"""The files of sessions that were written, by their recordings: each takes two seconds."""
+_WRITTEN = tempfile.TemporaryDirectory(prefix="flatcloth-sessions-")
+"""The sessions that were written, by the fingerprints of their recordings: each takes two seconds."""
 
 
 def write_session(folder: Path, recording: Path) -> Path:
     """Integrate by hand: accepted, refused, taken back; with picks on the cloth, at its edge, and lost."""
     opened = open_recording(recording)
-    key = fingerprint(opened)
-    if key not in _WRITTEN:
-        with tempfile.TemporaryDirectory() as place:
-            _integrated_by_hand(Path(place) / "session", opened)
-            _WRITTEN[key] = {file.name: file.read_bytes() for file in (Path(place) / "session").iterdir()}
-    folder.mkdir(parents=True, mode=0o700)
-    for name, data in _WRITTEN[key].items():
-        (folder / name).write_bytes(data)
+    kept = Path(_WRITTEN.name) / fingerprint(opened)
+    if not kept.exists():
+        _integrated_by_hand(kept, opened)
+    shutil.copytree(kept, folder)
     header = json.loads((folder / HEADER).read_text())
     header["recording"]["location"] = opened.location
     (folder / HEADER).write_text(json.dumps(header, indent=1) + "\n")
