@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -50,6 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     A command may have an exit code of its own, such as 1 of a goal that was not reached.
     """
+    from flatcloth.commands.options import options_of
     from flatcloth.commands.output import error, escape_what_cannot_be_encoded, speaking
 
     escape_what_cannot_be_encoded()
@@ -65,15 +66,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     if not given or (given[0] not in COMMANDS and given[0].partition("=")[0] not in _OWN_OPTIONS):
         given.insert(0, "view")
-    options, unknown = _parser().parse_known_args(given)
+    parsed, unknown = _parser().parse_known_args(given)
     if unknown:
-        options.parser.error(_unknown(options.parser, unknown))
+        parsed.parser.error(_unknown(parsed.parser, unknown))
+    options = options_of(parsed.command.Options, parsed)
     # Its matrices are small: BLAS threads cost more than they bring. numpy is not imported yet.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     stop = _Stop()
     try:
         with stop.heard(), speaking(options):
-            return _carried_out(options, stop)
+            return _carried_out(lambda: parsed.command.run(options), stop)
     except FlatclothError as failed:  # the log file cannot be written
         error(str(failed))
         return 2
@@ -82,11 +84,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _STOPPED
 
 
-def _carried_out(options: argparse.Namespace, stop: _Stop) -> int:
+def _carried_out(run: Callable[[], int | None], stop: _Stop) -> int:
     from flatcloth.commands.output import error
 
     try:
-        status = int(options.run(options) or 0)
+        status = int(run() or 0)
         sys.stdout.flush()
         return status
     except BrokenPipeError:
@@ -217,7 +219,7 @@ class _PrintCompletion(argparse.Action):
 
 
 def _parser() -> argparse.ArgumentParser:
-    from flatcloth.commands.output import add_output
+    from flatcloth.commands.options import add_options
 
     # Loaded only now: a signal in the first milliseconds is not heard yet.
     modules = {
@@ -246,7 +248,6 @@ def _parser() -> argparse.ArgumentParser:
             epilog=command.EXAMPLES,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        command.add_options(added)
-        add_output(added, has_json="--json" not in added._option_string_actions)
-        added.set_defaults(run=command.run, parser=added)
+        add_options(added, command.Options)
+        added.set_defaults(command=command, parser=added)
     return parser

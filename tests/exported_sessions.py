@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shutil
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +19,9 @@ from flatcloth.engine.integration import Integration
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.grasping.grasps import Grip, grasp_at
 from flatcloth.grasping.grips import GripStore
-from flatcloth.recordings import open_recording
+from flatcloth.recordings import Recording, open_recording
+from flatcloth.recordings.base import fingerprint
+from flatcloth.session.header import HEADER
 from flatcloth.session.machine import Accept, Command, Event, Propose, Reject, Start, Undo
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.server.app import PageServer
@@ -81,9 +85,24 @@ class Operator:
         return pending.view_index
 
 
+_WRITTEN = tempfile.TemporaryDirectory(prefix="flatcloth-sessions-")
+"""The sessions that were written, by the fingerprints of their recordings: each takes two seconds."""
+
+
 def write_session(folder: Path, recording: Path) -> Path:
     """Integrate by hand: accepted, refused, taken back; with picks on the cloth, at its edge, and lost."""
     opened = open_recording(recording)
+    kept = Path(_WRITTEN.name) / fingerprint(opened)
+    if not kept.exists():
+        _integrated_by_hand(kept, opened)
+    shutil.copytree(kept, folder)
+    header = json.loads((folder / HEADER).read_text())
+    header["recording"]["location"] = opened.location
+    (folder / HEADER).write_text(json.dumps(header, indent=1) + "\n")
+    return folder
+
+
+def _integrated_by_hand(folder: Path, opened: Recording) -> None:
     integration = Integration(opened, method="paper")
     session = SessionFolder.open(folder, opened, integration.config, "paper")
     try:
@@ -109,7 +128,6 @@ def write_session(folder: Path, recording: Path) -> Path:
         GripStore(folder).set(1, Grip(opening_m=0.06))
     finally:
         session.close()
-    return folder
 
 
 def cylinder_session(folder: Path) -> OpenedSession:

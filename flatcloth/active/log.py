@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from flatcloth.active.goal import Goal
-from flatcloth.core.errors import JournalError
+from flatcloth.core.errors import JournalError, os_errors_as
 from flatcloth.core.geometry import widest_gap_deg
-from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, open_own, read_plain
+from flatcloth.session.journal_file import JournalFile, LockedError
 
 LOG = "active.jsonl"
 LAST_VIEWS = 3
@@ -46,10 +45,16 @@ class ActiveLog:
     def __init__(self, folder: Path) -> None:
         self._path = folder / LOG
         try:
-            self.lines = self._read()
-            self._fd: int | None = open_own(self._path, os.O_WRONLY | os.O_APPEND)
-        except OSError as error:
-            raise JournalError(f"{self._path}: cannot be used ({error.strerror}).") from error
+            with os_errors_as(JournalError, f"{self._path}: cannot be used", "Check it."):
+                self._file = JournalFile(self._path)
+                self._file.cut(self._file.data.rfind(b"\n") + 1)
+        except LockedError as error:
+            raise JournalError(f"{folder}: another active loop takes its views. End it first.") from error
+        try:
+            self.lines = [self._line(n, text) for n, text in enumerate(self._file.data.splitlines(), start=1)]
+        except JournalError:
+            self.close()
+            raise
 
     @property
     def seconds(self) -> float:
@@ -59,14 +64,8 @@ class ActiveLog:
     def add(self, event: str, **values: Any) -> None:
         """Append a line, and wait until it is on disk; raises ``JournalError``."""
         line = {"event": event, **values}
-        assert self._fd is not None, "the log is open"
-        try:
-            os.write(self._fd, json.dumps(line, allow_nan=False).encode() + b"\n")
-            os.fsync(self._fd)
-        except OSError as error:
-            raise JournalError(
-                f"{self._path}: cannot be written ({error.strerror}). Free disk space."
-            ) from error
+        with os_errors_as(JournalError, f"{self._path}: cannot be written", "Free disk space."):
+            self._file.append(json.dumps(line, allow_nan=False).encode() + b"\n")
         self.lines.append(line)
 
     def steps(self) -> list[dict[str, Any]]:
@@ -96,27 +95,15 @@ class ActiveLog:
 
     def close(self) -> None:
         """Close the file."""
-        if self._fd is not None:
-            os.close(self._fd)
-            self._fd = None
+        self._file.close()
 
-    def _read(self) -> list[dict[str, Any]]:
+    def _line(self, number: int, text: bytes) -> dict[str, Any]:
         try:
-            data = read_plain(self._path, MOST_JOURNAL_BYTES)
-        except FileNotFoundError:
-            return []
-        whole = data[: data.rfind(b"\n") + 1]
-        if len(whole) < len(data):
-            os.truncate(self._path, len(whole))
-        lines = []
-        for number, text in enumerate(whole.splitlines(), start=1):
-            try:
-                line = json.loads(text)
-            except (ValueError, RecursionError):
-                line = None
-            if not isinstance(line, dict):
-                raise JournalError(
-                    f"{self._path}: line {number} is damaged. Remove the file: it only tells the past."
-                )
-            lines.append(line)
-        return lines
+            line = json.loads(text)
+        except (ValueError, RecursionError):
+            line = None
+        if not isinstance(line, dict):
+            raise JournalError(
+                f"{self._path}: line {number} is damaged. Remove the file: it only tells the past."
+            )
+        return line

@@ -1,32 +1,36 @@
 """The operator's verdicts on the results of a batch: an append-only list, ``review.jsonl``.
 
-It is kept as a session's journal is: a verdict counts once its line with the newline is on disk, and each
-line ends with a checksum over itself and all lines before it. Lists of earlier versions have no checksums.
+It is kept as a session's journal is, in sealed lines (:mod:`flatcloth.session.journal_file`).
 """
 
 from __future__ import annotations
 
-import json
-import re
 import threading
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from flatcloth.batch.rows import ROW_FILE, is_result_name
+from flatcloth.core.decoding import decoded
 from flatcloth.core.errors import JournalError
 from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain
-from flatcloth.session.journal_file import JournalFile, LockedError
+from flatcloth.session.journal_file import JournalFile, LockedError, sealed, unsealed
 
 FILE = "review.jsonl"
 ACCEPTED, REJECTED = "accepted", "rejected"
 _VERDICTS = (ACCEPTED, REJECTED, None)
-_SEAL = re.compile(rb', "crc": "([0-9a-f]{8})"\}\Z')
 _writing = threading.Lock()
 """Two requests of this process would refuse each other's lock of the file."""
+
+
+class _Line(msgspec.Struct, frozen=True):
+    name: str
+    verdict: Any
+    time: str = ""
 
 
 @dataclass(frozen=True)
@@ -56,25 +60,17 @@ def read_verdicts(out: Path) -> Verdicts:
 def _read(path: Path, data: bytes) -> Verdicts:
     decided: dict[str, str] = {}
     length = link = 0
-    sealed = False
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
-        seal = _SEAL.search(line)
-        body = line if seal is None else line[: seal.start()] + b"}"
-        following = zlib.crc32(body, link)
         try:
-            if (seal is None and sealed) or (seal is not None and int(seal[1], 16) != following):
+            following, said = unsealed(line, link), decoded(line, _Line)
+            if said.verdict not in _VERDICTS:
                 raise ValueError
-            said = json.loads(body)
-            name, verdict = str(said["name"]), said["verdict"]
-            if verdict not in _VERDICTS:
-                raise ValueError
-        except (ValueError, KeyError, TypeError, RecursionError):
+        except ValueError:
             damage = f"{path}: line {number} is damaged. Restore it from a copy, or cut the file before it."
             return Verdicts(decided, damage, length, link)
-        decided.pop(name, None)
-        if verdict is not None:
-            decided[name] = verdict
-        sealed = sealed or seal is not None
+        decided.pop(said.name, None)
+        if said.verdict is not None:
+            decided[said.name] = said.verdict
         length, link = length + len(line) + 1, following
     return Verdicts(decided, None, length, link)
 
@@ -89,8 +85,7 @@ def decide(out: Path, name: str, verdict: str | None) -> None:
     """
     if verdict not in _VERDICTS or not is_result_name(name) or not (out / name / ROW_FILE).is_file():
         raise JournalError(f"{name[:60]}: no such result, or no such verdict.")
-    line = {"name": name, "verdict": verdict, "time": datetime.now(UTC).isoformat(timespec="seconds")}
-    body = json.dumps(line).encode()
+    line = _Line(name, verdict, datetime.now(UTC).isoformat(timespec="seconds"))
     try:
         with _writing:
             file = JournalFile(out / FILE)
@@ -100,7 +95,7 @@ def decide(out: Path, name: str, verdict: str | None) -> None:
                     raise JournalError(f"The verdict is not kept. {before.damage}")
                 if before.length < len(file.data):
                     file.cut(before.length)  # a crash left half a line, which was never acknowledged
-                file.append(body[:-1] + b', "crc": "%08x"}\n' % zlib.crc32(body, before.link))
+                file.append(sealed(msgspec.json.encode(line), before.link)[0])
             finally:
                 file.close()
     except LockedError as error:

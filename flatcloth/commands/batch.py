@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flatcloth.commands.common import (
-    ProgressBar,
-    add_engine,
-    add_method,
-    add_source_options,
-    limits_of,
-    source_options_of,
-)
+from flatcloth.commands.common import ProgressBar
+from flatcloth.commands.options import Engine as EngineOptions
+from flatcloth.commands.options import Method, Output, SourceInformation, option
 from flatcloth.commands.output import announce, report, say
 from flatcloth.core.errors import FlatclothError
 
@@ -21,7 +16,6 @@ if TYPE_CHECKING:
     from flatcloth.batch.drive import Count
     from flatcloth.batch.engines import Engine
 
-NAME = "batch"
 SUMMARY = "integrate many recordings, with a table and a page to review the results"
 EXAMPLES = """examples:
   flatcloth batch my-recordings/* --out night --jobs 4
@@ -30,39 +24,32 @@ EXAMPLES = """examples:
   flatcloth batch night --report                         night/report.html, one page, offline
   flatcloth batch night --coco keypoints                 COCO keypoints, with the images
   flatcloth batch night --review                         the same page, with verdicts and sessions"""
+_LOOKING = "looking at the results"
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument(
-        "sources",
-        nargs="+",
-        metavar="SOURCE",
-        help="recordings, folders of them, patterns, a data set, or a list of sources (.csv, .jsonl); with "
+@dataclass(kw_only=True)
+class Options(Output, SourceInformation, EngineOptions, Method):
+    """The options of the command."""
+
+    sources: tuple[str, ...] = option(
+        "recordings, folders of them, patterns, a data set, or a list of sources (.csv, .jsonl); with "
         "--report and --review the folder of a batch",
+        "SOURCE",
+        MISSING,
+        positional=True,
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to write; what is done there stays")
-    add_method(parser)
-    add_engine(parser)
-    parser.add_argument("--again", action="store_true", help="do again what is done; the old is set aside")
-    add_source_options(parser.add_argument_group("information that sources lack (docs/datasets.md)"))
-    group = parser.add_argument_group("looking at the results")
-    group.add_argument("--report", action="store_true", help="write DIR/report.html from the results in DIR")
-    group.add_argument(
-        "--coco",
-        type=Path,
-        metavar="DATASET",
-        help="write the views and the named points of the results in DIR as COCO keypoints",
-    )
-    group.add_argument(
-        "--review", action="store_true", help="serve that page: verdicts are kept, a click opens the session"
-    )
-    group.add_argument(
-        "--port", type=int, default=8090, help="port of --review, 0 for any free one (default: 8090)"
-    )
+    out: Path | None = option("folder to write; what is done there stays", "DIR")
+    again: bool = option("do again what is done; the old is set aside")
+    report: bool = option("write DIR/report.html from the results in DIR", group=_LOOKING)
+    coco: Path | None = option(
+        "write the views and the named points of the results in DIR as COCO keypoints", "DATASET",
+        group=_LOOKING
+    )  # fmt: skip
+    review: bool = option("serve that page: verdicts are kept, a click opens the session", group=_LOOKING)
+    port: int = option("port of --review, 0 for any free one", default=8090, group=_LOOKING)
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: Options) -> None:
     """Run the batch, or make or serve its page."""
     if options.report or options.review or options.coco:
         _look(options)
@@ -75,18 +62,18 @@ def run(options: argparse.Namespace) -> None:
     from flatcloth.batch.table import PARQUET
     from flatcloth.batch.tasks import tasks_of
 
-    out: Path = options.out.expanduser()
+    out = options.out.expanduser()
     with owned(out):
-        tasks = tasks_of(options.sources, options.method, source_options_of(options), out)
+        tasks = tasks_of(options.sources, options.method, options.source_options(), out)
 
         def start() -> Engine:
-            engine = engine_of(options.jobs, options.scheduler, str(out.resolve()), tls=options.tls)
+            engine = engine_of(options.jobs, options.scheduler, str(out.resolve()), tls=not options.no_tls)
             say(f"{len(tasks)} recordings; {engine.about}")
             return engine
 
         with _Teller() as teller:
             try:
-                count = run_batch(tasks, out, start, limits_of(options), teller.tell, again=options.again)
+                count = run_batch(tasks, out, start, options.limits(), teller.tell, again=options.again)
             except KeyboardInterrupt:
                 teller.stopped()
                 raise SystemExit(130) from None
@@ -102,7 +89,7 @@ def run(options: argparse.Namespace) -> None:
         )
 
 
-def _look(options: argparse.Namespace) -> None:
+def _look(options: Options) -> None:
     from flatcloth.batch.report import write_report
 
     if len(options.sources) != 1 or options.out is not None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar, add_source, source_options_of
+from flatcloth.commands.common import ProgressBar
+from flatcloth.commands.options import Output, Source, option
 from flatcloth.commands.output import report
 from flatcloth.core.errors import RecordingError, os_errors_as
 
@@ -14,30 +15,27 @@ if TYPE_CHECKING:
     from flatcloth.checking.findings import Check
     from flatcloth.recordings import Recording
 
-NAME = "check"
 SUMMARY = "find mistakes of a recording: its turning, its images, its camera"
 EXAMPLES = """examples:
   flatcloth check my-recording
   flatcloth check my-recording --reverse --pictures why   is it right with this mend? draw what shows it"""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    add_source(parser)
-    parser.add_argument(
-        "--pictures",
-        type=Path,
-        metavar="DIR",
-        help="new or empty folder for a picture of each finding: two views laid on each other",
+@dataclass(kw_only=True)
+class Options(Output, Source):
+    """The options of the command."""
+
+    pictures: Path | None = option(
+        "new or empty folder for a picture of each finding: two views laid on each other", "DIR"
     )
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Check, and print a line for each finding; 1 if results would certainly be wrong."""
     from flatcloth.checking.check import check_recording
     from flatcloth.recordings import open_recording
 
-    recording = open_recording(options.source, source_options_of(options))
+    recording = open_recording(options.source, options.source_options())
     with ProgressBar(recording.name) as bar:
         check = check_recording(recording, progress=bar.show)
     lines = [*(f"{recording.name}: {line}" for line in check.lines), *recording.notes]

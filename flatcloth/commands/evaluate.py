@@ -2,46 +2,43 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import statistics
 from collections.abc import Iterator
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Any
 
-from flatcloth.commands.common import ProgressBar, add_engine, add_method, add_sides, limits_of
+from flatcloth.commands.common import ProgressBar
+from flatcloth.commands.options import JOBS, Engine, Method, Output, Sides, option
 from flatcloth.commands.output import report, say
 from flatcloth.core.errors import FlatclothError
 
-NAME = "evaluate"
 SUMMARY = "integrate unattended and compare with the truth"
 EXAMPLES = """examples:
   flatcloth evaluate my-recordings/*
   flatcloth evaluate shirt-sleeve-clean --json figures.json --pictures pictures"""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument(
-        "sources", nargs="+", metavar="SOURCE", help="synthetic recording folders, or bundled names"
+@dataclass(kw_only=True)
+class Options(Output, Engine, Sides, Method):
+    """The options of the command."""
+
+    sources: tuple[str, ...] = option(
+        "synthetic recording folders, or bundled names", "SOURCE", MISSING, positional=True
     )
-    add_method(parser)
-    add_sides(parser)
-    add_engine(parser, jobs=1)
-    parser.add_argument(
-        "--json",
-        nargs="?",
-        const=True,
-        metavar="FILE",
-        help="write the figures to FILE; without FILE print them, in place of words",
+    json: bool | str = option(
+        "write the figures to FILE; without FILE print them, in place of words", "FILE", False, const=True,
+        group="output"
+    )  # fmt: skip
+    jobs: int | None = option(
+        "recordings at the same time, on this machine", "N", 1, either="engine", read=JOBS
     )
-    parser.add_argument(
-        "--pictures", type=Path, metavar="DIR", help="write a picture of each result next to its truth to DIR"
-    )
+    pictures: Path | None = option("write a picture of each result next to its truth to DIR", "DIR")
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: Options) -> None:
     """Print a row of figures per recording."""
     rows: list[dict[str, Any]] = []
     heads = "".join(f"{head:>11}" for _, head, _ in _COLUMNS)
@@ -56,7 +53,7 @@ def run(options: argparse.Namespace) -> None:
             say(_garment_line(row["garment"]))
     if options.json is True:
         report(options, rows, ())
-    elif options.json is not None:
+    elif options.json:
         from flatcloth.export.files import write_text
 
         write_text(Path(options.json), json.dumps(rows, indent=1) + "\n")
@@ -91,7 +88,7 @@ def _garment_line(garment: dict[str, Any]) -> str:
     return text
 
 
-def _one_by_one(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+def _one_by_one(options: Options) -> Iterator[dict[str, Any]]:
     from flatcloth.batch.evaluate import evaluate_one
 
     for source in options.sources:
@@ -100,7 +97,7 @@ def _one_by_one(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
         yield row
 
 
-def _together(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+def _together(options: Options) -> Iterator[dict[str, Any]]:
     """Evaluate on the engine of ``batch``; the rows come in the order in which the sources were given."""
     from flatcloth.batch.engines import engine_of
 
@@ -117,10 +114,10 @@ def _together(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     found: dict[int, dict[str, Any]] = {}
     given = 0
     with (
-        engine_of(options.jobs, options.scheduler, tls=options.tls) as engine,
+        engine_of(options.jobs, options.scheduler, tls=not options.no_tls) as engine,
         ProgressBar("evaluate") as bar,
     ):
-        for number, answer in engine.run(questions, limits_of(options)):
+        for number, answer in engine.run(questions, options.limits()):
             found[number] = _figures(options.sources[number], answer)
             bar.show(len(found) / len(questions), f"{len(found)} of {len(questions)}")
             while given in found:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
 import math
+from dataclasses import MISSING, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar, add_source_options, number, source_options_of
+from flatcloth.commands.common import ProgressBar
+from flatcloth.commands.options import HandEye, Output, SourceInformation, number, option
 from flatcloth.commands.output import report
 from flatcloth.core.errors import FlatclothError, GarmentError, os_errors_as
 from flatcloth.core.plain_files import check_replacing
 
 if TYPE_CHECKING:
-    from flatcloth.core.geometry import Rigid3
     from flatcloth.export.session import OpenedSession
+    from flatcloth.export.session_data import SessionData
 
-NAME = "export"
 SUMMARY = "export a session as data, offline page, report, figures, animation, grasp poses or outline"
 EXAMPLES = """examples:
   flatcloth export result --html shirt.html --report report.html
@@ -25,18 +26,6 @@ EXAMPLES = """examples:
   flatcloth export result --rerun result.rrd --mcap result.mcap
   flatcloth export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
 
-_OUTPUTS = {
-    "data": ("DIR", "write the data files that run writes (docs/exports.md)"),
-    "html": ("FILE", "write one page that works offline"),
-    "report": ("FILE", "write a report to print (HTML, A4)"),
-    "figures": ("DIR", "write every figure as PNG and SVG"),
-    "animation": ("FILE", "write the growth as a film (.mp4)"),
-    "grasps": ("FILE", "write the grasp poses (grasps.json)"),
-    "outline": ("FILE", "write the outline in mm as .svg, .dxf or .json (docs/exports.md)"),
-    "garment": ("FILE", "write kind, dimensions and named points (garment.json)"),
-    "rerun": ("FILE", "write a recording for rerun (.rrd)"),
-    "mcap": ("FILE", "write a recording for Foxglove (.mcap)"),
-}
 _NAMES = {
     "html": "page.html",
     "report": "report.html",
@@ -44,69 +33,69 @@ _NAMES = {
     "garment": "garment.json",
 }
 """The names of the outputs that are made without options."""
-LIBRARIES = {"rerun": ("rerun", "rerun-sdk", "rerun"), "mcap": ("foxglove", "foxglove-sdk", "foxglove")}
+_SUFFIXES = {"animation": (".mp4",), "outline": (".svg", ".dxf", ".json")}
+"""How the name of an output ends that is written in several formats, or was in another."""
+_DRAWING = ("matplotlib", "matplotlib", "export")
+_LIBRARIES = {
+    "report": _DRAWING,
+    "figures": _DRAWING,
+    "animation": _DRAWING,
+    "rerun": ("rerun", "rerun-sdk", "rerun"),
+    "mcap": ("foxglove", "foxglove-sdk", "foxglove"),
+}
 """The module, the package and the extra that an output needs."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument(
-        "session",
-        type=Path,
-        metavar="SESSION_DIR",
-        help="session folder, of --out or --session; it is not changed",
+@dataclass(kw_only=True)
+class Options(Output, SourceInformation, HandEye):
+    """The options of the command."""
+
+    session: Path = option(
+        "session folder, of --out or --session; it is not changed", "SESSION_DIR", MISSING, positional=True
     )
-    for name, (form, text) in _OUTPUTS.items():
-        parser.add_argument(f"--{name}", type=Path, metavar=form, help=text)
-    add_hand_eye(parser)
-    parser.add_argument(
-        "--rotation",
-        type=number(math.isfinite, "is not an angle; give degrees"),
-        metavar="DEG",
-        help="rotation of the item for --grasps in camera and robot frame (default: that of the last view)",
+    data: Path | None = option("write the data files that run writes (docs/exports.md)", "DIR")
+    html: Path | None = option("write one page that works offline", "FILE")
+    report: Path | None = option("write a report to print (HTML, A4)", "FILE")
+    figures: Path | None = option("write every figure as PNG and SVG", "DIR")
+    animation: Path | None = option("write the growth as a film (.mp4)", "FILE")
+    grasps: Path | None = option("write the grasp poses (grasps.json)", "FILE")
+    outline: Path | None = option("write the outline in mm as .svg, .dxf or .json (docs/exports.md)", "FILE")
+    garment: Path | None = option("write kind, dimensions and named points (garment.json)", "FILE")
+    rerun: Path | None = option("write a recording for rerun (.rrd)", "FILE")
+    mcap: Path | None = option("write a recording for Foxglove (.mcap)", "FILE")
+    rotation: float | None = option(
+        "rotation of the item for --grasps in camera and robot frame (default: that of the last view)",
+        "DEG",
+        read=number(math.isfinite, "is not an angle; give degrees"),
     )
-    parser.add_argument(
-        "--recording", type=Path, metavar="SOURCE", help="present location of the recording, if it was moved"
-    )
-    add_source_options(parser.add_argument_group("options that the session was started with"))
+    recording: Path | None = option("present location of the recording, if it was moved", "SOURCE")
 
 
-def add_hand_eye(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--hand-eye``."""
-    parser.add_argument(
-        "--hand-eye",
-        type=Path,
-        metavar="FILE",
-        help="base_from_camera (docs/grasps.md): grasp poses in the robot's frame too",
-    )
+OUTPUTS = (
+    "data", "html", "report", "figures", "animation", "grasps", "outline", "garment", "rerun", "mcap"
+)  # fmt: skip
 
 
-def hand_eye_of(options: argparse.Namespace) -> Rigid3 | None:
-    """Read the hand-eye transform if one is given."""
-    from flatcloth.grasping.hand_eye import read_hand_eye
-
-    return None if options.hand_eye is None else read_hand_eye(options.hand_eye)
-
-
-def run(options: argparse.Namespace) -> None:
+def run(options: Options) -> None:
     """Write the requested files."""
     from flatcloth.export.session import open_session
 
-    wanted = [name for name in _OUTPUTS if getattr(options, name) is not None]
+    wanted = [name for name in OUTPUTS if getattr(options, name) is not None]
     if not wanted:
-        listed = ", ".join(f"--{name}" for name in _OUTPUTS)
+        listed = ", ".join(f"--{name}" for name in OUTPUTS)
         raise FlatclothError(f"{options.session}: no output is given; give one or more of {listed}.")
-    base_from_camera = hand_eye_of(options)
+    base_from_camera = options.base_from_camera()
     for name in wanted:
         _check(name, getattr(options, name))
     written: list[Path] = []
     try:
         with ProgressBar(str(options.session)) as bar:
             session = open_session(
-                options.session, options.recording, bar.show, options=source_options_of(options)
+                options.session, options.recording, bar.show, options=options.source_options()
             )
+            data = session.data(base_from_camera, options.rotation)
             for name in wanted:
-                _write(name, session, getattr(options, name), base_from_camera, options.rotation)
+                _write(name, session, data, getattr(options, name))
                 written.append(getattr(options, name))
     finally:
         document = {"written": [str(path) for path in written]}
@@ -115,41 +104,30 @@ def run(options: argparse.Namespace) -> None:
 
 def _check(name: str, path: Path) -> None:
     """Raise an error if an output could not be written, before the work for all of them begins."""
-    if name in ("report", "figures", "animation"):
-        from flatcloth.rendering.drawing import check_matplotlib
-
-        check_matplotlib()
-    if name == "animation":
-        from flatcloth.export import animation
-
-        animation.check_suffix(path)
-    if name == "outline":
-        from flatcloth.export import outline
-
-        outline.check_suffix(path.suffix)
-    if name in LIBRARIES:
-        from flatcloth.export.formats.moments import check_library
-
-        check_library(*LIBRARIES[name])
-    is_folder = _OUTPUTS[name][0] == "DIR"
-    remedy = f"Choose another {'folder' if is_folder else 'file'}."
-    with os_errors_as(FlatclothError, f"{path}: cannot be written", remedy):
+    known = _SUFFIXES.get(name, (path.suffix.lower(),))
+    if path.suffix.lower() not in known:
+        raise FlatclothError(f"{path}: the {name} is written as {', '.join(known)}. Choose such a name.")
+    module, package, extra = _LIBRARIES.get(name, ("flatcloth", "", ""))
+    if find_spec(module) is None:
+        raise FlatclothError(f"{package} is not installed; pip install 'flatcloth[{extra}]'.")
+    is_folder = name in ("data", "figures")
+    other = f"Choose another {'folder' if is_folder else 'file'}."
+    with os_errors_as(FlatclothError, f"{path}: cannot be written", other):
         check_replacing(path / "checked" if is_folder else path)
 
 
-def _write(
-    name: str, session: OpenedSession, path: Path, base_from_camera: Rigid3 | None, rotation_deg: float | None
-) -> None:
+def _write(name: str, session: OpenedSession, data: SessionData, path: Path) -> None:
     from flatcloth.export.by_name import made
     from flatcloth.export.files import write_file
 
     match name:
         case "data":
-            session.data(base_from_camera, rotation_deg).write(path)
+            data.write(path)
         case "figures":
-            from flatcloth.export.figures import write_figures
+            from flatcloth.export.figures import figure_files
 
-            write_figures(session, path)
+            for file, content in figure_files(session):
+                write_file(path / file, content)
         case "rerun":
             from flatcloth.export.formats.rerun import write_rrd
 
@@ -159,7 +137,7 @@ def _write(
 
             write_mcap(session, path)
         case "grasps":
-            write_file(path, session.data(base_from_camera, rotation_deg).file("grasps.json") or b"")
+            write_file(path, data.file("grasps.json") or b"")
         case "outline":
             write_file(path, made(session, f"outline{path.suffix.lower()}"))
         case _:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from flatcloth.commands.common import ProgressBar, add_source, mends_of, source_options_of
+from flatcloth.commands.common import ProgressBar
+from flatcloth.commands.options import Output, Source, option
 from flatcloth.commands.output import report
 from flatcloth.core.errors import RecordingError
 
 if TYPE_CHECKING:
     from flatcloth.recordings import Recording
 
-NAME = "import"
 SUMMARY = "copy a RealSense file, or any other source, into a recording folder"
 EXAMPLES = """examples:
   flatcloth import turned.db3 --out my-recording --step 10        stops every 10 degrees
@@ -21,25 +21,21 @@ EXAMPLES = """examples:
   flatcloth import turned.db3 --out my-recording --angles turntable.csv --align color"""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    add_source(parser)
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder to write")
-    parser.add_argument("--name", metavar="TEXT", help="title of the recording (default: the source's own)")
-    parser.add_argument(
-        "--turning-speed",
-        type=float,
-        metavar="DEG_PER_S",
-        help="RealSense file of an item that turned continuously: its speed",
+@dataclass(kw_only=True)
+class Options(Output, Source):
+    """The options of the command."""
+
+    out: Path = option("new folder to write", "DIR", MISSING)
+    name: str | None = option("title of the recording (default: the source's own)", "TEXT")
+    turning_speed: float | None = option(
+        "RealSense file of an item that turned continuously: its speed", "DEG_PER_S"
     )
-    parser.add_argument(
-        "--align",
-        choices=("depth", "color"),
-        help="RealSense file: the camera whose pixels are kept (default: depth, which is then unchanged)",
+    align: Literal["depth", "color"] | None = option(
+        "RealSense file: the camera whose pixels are kept (default: depth, which is then unchanged)"
     )
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: Options) -> None:
     """Read the source, write the folder, and print a summary."""
     from flatcloth.checking.check import check_recording
     from flatcloth.recordings import open_recording
@@ -57,7 +53,7 @@ def run(options: argparse.Namespace) -> None:
     report(options, document, [*notes, line])
 
 
-def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
+def _opened(options: Options, bar: ProgressBar) -> Recording:
     from flatcloth.recordings import open_recording
     from flatcloth.recordings.isolated import open_isolated
     from flatcloth.recordings.mending import Mends, mended
@@ -69,11 +65,12 @@ def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
             raise RecordingError(
                 f"{path}: not a RealSense file. --turning-speed and --align apply only to those."
             )
-        return open_recording(options.source, source_options_of(options))
+        return open_recording(options.source, options.source_options())
     given = {
         "align": options.align,
         "step_deg": options.step,
         "angles": options.angles,
         "turning_speed_deg_s": options.turning_speed,
     }
-    return mended(open_isolated("realsense", path, given, bar.show), mends_of(options) or Mends())
+    mends = options.source_options().mends or Mends()
+    return mended(open_isolated("realsense", path, given, bar.show), mends)

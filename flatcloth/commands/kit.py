@@ -4,30 +4,19 @@ from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import MISSING, dataclass
 from pathlib import Path
+from typing import Literal
 
+from flatcloth.commands.options import Output, option
 from flatcloth.commands.output import report
 
-NAME = "kit"
 SUMMARY = "write a coded fabric or stickers to print, with which accuracy is measured"
 EXAMPLES = """examples:
   flatcloth kit --out my-kit --size 1.2x0.8                         one sheet, in A4 pages and whole
   flatcloth kit --out my-kit --size 0.5x0.7 --sides 2               front and back of a sewn pillow case
   flatcloth kit --out my-kit --stickers 20                          stickers; then, from photos of the
   flatcloth kit --out my-kit --from-photo front.jpg back.jpg        garment lying flat, their places"""
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the kit")
-    parser.add_argument(
-        "--size", type=_size, metavar="WxH", help="a sheet in metres (default: 1.2x0.8, of stickers A4)"
-    )
-    parser.add_argument("--cell", type=float, default=30.0, metavar="MM", help="marker and gap (default: 30)")
-    parser.add_argument("--sides", type=int, choices=(1, 2), default=1, help="sheets (default: 1)")
-    parser.add_argument("--stickers", type=int, metavar="N", help="single markers instead of a fabric")
-    places = "measure the stickers of the kit in DIR: a photo of the garment's front, and one of its back"
-    parser.add_argument("--from-photo", type=Path, nargs="+", metavar="FILE", help=places)
 
 
 def _size(text: str) -> tuple[float, float]:
@@ -37,7 +26,23 @@ def _size(text: str) -> tuple[float, float]:
     return float(numbers[1]), float(numbers[2])
 
 
-def run(options: argparse.Namespace) -> None:
+@dataclass(kw_only=True)
+class Options(Output):
+    """The options of the command."""
+
+    out: Path = option("folder of the kit", "DIR", MISSING)
+    size: tuple[float, float] | None = option(
+        "a sheet in metres (default: 1.2x0.8, of stickers A4)", "WxH", read=_size
+    )
+    cell: float = option("marker and gap", "MM", 30.0)
+    sides: Literal["1", "2"] = option("sheets", default="1")
+    stickers: int | None = option("single markers instead of a fabric", "N")
+    from_photo: tuple[Path, ...] | None = option(
+        "measure the stickers of the kit in DIR: a photo of the garment's front, and one of its back", "FILE"
+    )
+
+
+def run(options: Options) -> None:
     """Write the files, and print what they hold."""
     from flatcloth.recordings.files.images import decode_color
     from flatcloth.validation.kit import grid_kit, read_kit, write_kit, write_pages
@@ -49,7 +54,7 @@ def run(options: argparse.Namespace) -> None:
         write_kit(kit, options.out / "kit.json")
     else:
         size_m = options.size or ((0.21, 0.27) if options.stickers else (1.2, 0.8))
-        kit = grid_kit(size_m, options.cell / 1e3, options.sides, options.stickers)
+        kit = grid_kit(size_m, options.cell / 1e3, int(options.sides), options.stickers)
         written = write_pages(kit, options.out)
     document = {"written": written, "markers": len(kit.corners_m), "dictionary": kit.dictionary}
     held = f"{kit.name}: {len(kit.corners_m)} markers of {kit.dictionary}."

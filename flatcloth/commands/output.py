@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import json
@@ -16,6 +15,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from flatcloth.commands.options import Output
 from flatcloth.core.errors import FlatclothError, os_errors_as
 
 _said = logging.getLogger("flatcloth.said")
@@ -44,7 +44,7 @@ def progressed(text: str) -> None:
     _progress.info("%s", text)
 
 
-def report(options: argparse.Namespace, document: Any, lines: Iterable[str]) -> None:
+def report(options: Output, document: Any, lines: Iterable[str]) -> None:
     """Report a result: as a document with ``--json``, else in words."""
     if options.json:
         print(json.dumps(document, indent=1), flush=True)
@@ -52,9 +52,7 @@ def report(options: argparse.Namespace, document: Any, lines: Iterable[str]) -> 
         say(line)
 
 
-def announce(
-    options: argparse.Namespace, words: str, url: str, token: str | None, **more: str | None
-) -> None:
+def announce(options: Output, words: str, url: str, token: str | None, **more: str | None) -> None:
     """Report that a server answers: as one line of JSON with ``--json``, else in words.
 
     The log file gets the words without the token, as others may read it.
@@ -77,21 +75,6 @@ def _one_line(text: str) -> str:
     return "".join(c if c.isprintable() or c in "\u00a0\u3000" else ascii(c)[1:-1] for c in text)
 
 
-def add_output(parser: argparse.ArgumentParser, *, has_json: bool) -> None:
-    """Declare the options that all commands have."""
-    group = parser.add_argument_group("output")
-    much = group.add_mutually_exclusive_group()
-    much.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")
-    much.add_argument("-v", "--verbose", action="store_true", help="say details, such as each view left out")
-    group.add_argument(
-        "--log-file", type=Path, metavar="FILE", help="append what is said to FILE, with times"
-    )
-    if has_json:
-        group.add_argument(
-            "--json", action="store_true", help="print the result as one JSON document, in place of words"
-        )
-
-
 def speaks() -> bool:
     """Say whether words are wanted on stdout."""
     return any(handler.level <= logging.INFO for handler in _said.handlers)
@@ -103,12 +86,12 @@ def is_quiet() -> bool:
 
 
 @contextlib.contextmanager
-def speaking(options: argparse.Namespace) -> Iterator[None]:
+def speaking(options: Output) -> Iterator[None]:
     """Print the output of commands, as the options want it; ``FlatclothError`` if the log is not writable."""
     root = logging.getLogger()
     level = logging.DEBUG if options.verbose else logging.INFO
     silent = logging.CRITICAL
-    has_words = not options.quiet and getattr(options, "json", None) is not True
+    has_words = not options.quiet and options.json is not True
     handlers: list[tuple[logging.Logger, logging.Handler]] = [
         (_said, _Printer(level if has_words else silent, on_stderr=False)),
         (_progress, _Printer(silent if options.quiet else level, on_stderr=True)),

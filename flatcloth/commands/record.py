@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import select
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from flatcloth.commands.options import Capture as CaptureOptions
+from flatcloth.commands.options import Output, option
 from flatcloth.commands.output import report, say, speaks
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from flatcloth.cameras.capture import Capture
     from flatcloth.cameras.guided_capture import GuidedCapture
 
-NAME = "record"
 SUMMARY = "capture a hanging item view by view with a RealSense camera"
 EXAMPLES = """examples:
   flatcloth record --out my-recording --step 10
@@ -29,37 +30,25 @@ _LOOK_EVERY_S = 1.0
 """Interval of the progress lines. Chosen."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="recording folder to write")
-    parser.add_argument(
-        "--step",
-        type=float,
-        metavar="DEG",
-        help="rotation between two views (default: 10); negative if the side that faces the camera "
-        "moves to the left",
+@dataclass(kw_only=True)
+class Options(Output, CaptureOptions):
+    """The options of the command."""
+
+    out: Path = option("recording folder to write", "DIR", MISSING)
+    step: float | None = option(
+        "rotation between views (default: 10); negative if the side that faces the camera moves to the left",
+        "DEG",
     )
-    add_capture_options(parser)
-    parser.add_argument(
-        "--camera",
-        default="",
-        metavar="SERIAL",
-        help="serial number of the camera if there are several; or a RealSense file to play in its place",
+    camera: str = option(
+        "serial number of the camera if there are several; or a RealSense file to play in its place",
+        "SERIAL",
+        "",
     )
-    parser.add_argument("--name", metavar="TEXT", help="title of the recording (default: the folder's name)")
-    parser.add_argument("--yes", action="store_true", help="keep every view without asking")
+    name: str | None = option("title of the recording (default: the folder's name)", "TEXT")
+    yes: bool = option("keep every view without asking")
 
 
-def add_capture_options(parser: argparse._ActionsContainer) -> None:
-    """Declare the options that the capture in the page has as well."""
-    parser.add_argument("--frames", type=int, metavar="N", help="frames averaged for each view (default: 10)")
-    parser.add_argument(
-        "--align", choices=("depth", "color"), help="the camera whose pixels are kept (default: depth)"
-    )
-    parser.add_argument("--resume", action="store_true", help="continue the recording in the folder")
-
-
-def run(options: argparse.Namespace) -> None:
+def run(options: Options) -> None:
     """Run the capture until the turn is complete or the operator ends it."""
     from flatcloth.cameras import capture, open_camera
     from flatcloth.cameras.guided_capture import GuidedCapture, writer_for
@@ -71,7 +60,7 @@ def run(options: argparse.Namespace) -> None:
     with closing(open_camera(options.camera, options.align or "depth")) as camera:
         guided = GuidedCapture(
             camera,
-            lambda: writer_for(camera, options.out, options.name or options.out.name, options.resume),
+            lambda: writer_for(camera, str(options.out), options.name or options.out.name, options.resume),
             10.0 if options.step is None else options.step,
             capture.FRAMES if options.frames is None else options.frames,
         )

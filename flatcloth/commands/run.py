@@ -2,42 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 
-from flatcloth.commands.common import (
-    ProgressBar,
-    add_method,
-    add_sides,
-    add_source,
-    kept_mends,
-    loading,
-    source_options_of,
-)
-from flatcloth.commands.export import add_hand_eye, hand_eye_of
+from flatcloth.commands.common import ProgressBar, kept_mends, loading
+from flatcloth.commands.options import HandEye, Method, Output, Sides, Source, Strokes, option
 from flatcloth.commands.output import detail, report
-from flatcloth.commands.segment import add_strokes, strokes_of
 
-NAME = "run"
 SUMMARY = "integrate unattended and export the result"
 EXAMPLES = """examples:
   flatcloth run shirt-sleeve-clean --out result
   flatcloth run my-recording --out result --method paper"""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    add_source(parser)
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="session folder to write; resumed if it exists"
-    )
-    add_method(parser)
-    add_sides(parser)
-    add_hand_eye(parser)
-    add_strokes(parser)
+@dataclass(kw_only=True)
+class Options(Output, Strokes, HandEye, Sides, Method, Source):
+    """The options of the command."""
+
+    out: Path = option("session folder to write; resumed if it exists", "DIR", MISSING)
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: Options) -> None:
     """Integrate, and write the result to the session folder."""
     with loading():
         from flatcloth.api.integrating import integrate
@@ -46,8 +31,8 @@ def run(options: argparse.Namespace) -> None:
         from flatcloth.engine.outcome import view_lines
         from flatcloth.recordings import open_recording
 
-    base_from_camera, strokes = hand_eye_of(options), strokes_of(options)
-    recording = open_recording(options.source, kept_mends(source_options_of(options), options.out))
+    base_from_camera, strokes = options.base_from_camera(), options.decisions()
+    recording = open_recording(options.source, kept_mends(options.source_options(), options.out))
     with ProgressBar(recording.name, steps=True) as bar:
         check = checked(recording, progress=bar.show)
         if not options.as_recorded:

@@ -2,57 +2,36 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar, add_source, source_options_of
+from flatcloth.commands.common import ProgressBar
+from flatcloth.commands.options import Output, Source, Strokes, option
 from flatcloth.commands.output import report
 
-if TYPE_CHECKING:
-    from flatcloth.core.strokes import Decision
-
-NAME = "segment"
 SUMMARY = "find the side of interest of a recording without masks, and write masks"
 EXAMPLES = """examples:
   flatcloth segment my-recording --out masks
   flatcloth segment my-recording --out my-masked-recording --copy --strokes strokes.json"""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    add_source(parser)
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="new or empty folder to write")
-    parser.add_argument(
-        "--copy", action="store_true", help="write a complete recording with the masks, not the masks alone"
-    )
-    add_strokes(parser)
+@dataclass(kw_only=True)
+class Options(Output, Strokes, Source):
+    """The options of the command."""
+
+    out: Path = option("new or empty folder to write", "DIR", MISSING)
+    copy: bool = option("write a complete recording with the masks, not the masks alone")
 
 
-def add_strokes(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--strokes``."""
-    parser.add_argument(
-        "--strokes", type=Path, metavar="FILE", help="strokes and cuts that say which side is of interest"
-    )
-
-
-def strokes_of(options: argparse.Namespace) -> tuple[Decision, ...]:
-    """Read the file of ``--strokes``; without one, there are none."""
-    from flatcloth.core.strokes import decisions_from_plain
-    from flatcloth.recordings.files.text import load_table
-
-    return decisions_from_plain(load_table(options.strokes), str(options.strokes)) if options.strokes else ()
-
-
-def run(options: argparse.Namespace) -> None:
+def run(options: Options) -> None:
     """Segment, and write the masks."""
     from flatcloth.api.integrating import integration_of
     from flatcloth.engine.segmenting import masked, prepare, summary
     from flatcloth.recordings import open_recording
     from flatcloth.recordings.copying import copy_recording, write_masks
 
-    decisions = strokes_of(options)
-    recording = open_recording(options.source, source_options_of(options))
+    decisions = options.decisions()
+    recording = open_recording(options.source, options.source_options())
     integration = integration_of(recording)
     with ProgressBar(recording.name) as bar:
         found = prepare(integration.views, bar.show).solve(decisions)

@@ -2,129 +2,94 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import MISSING, dataclass
 from pathlib import Path
+from typing import Literal
 
 from flatcloth.commands.common import ProgressBar
+from flatcloth.commands.options import Output, option
 from flatcloth.commands.output import report
 
-NAME = "synthesize"
 SUMMARY = "render a garment mesh to a recording with its truth"
 EXAMPLES = """examples:
   flatcloth synthesize shirt.obj --out my-shirt
   flatcloth synthesize shirt.glb --out my-shirt --panel back --sensor d435 --seed 2
   flatcloth synthesize shirt.glb --out my-shirt --sensor stereo --sway 3 --twist 0.7 --exposure 8
   flatcloth synthesize scan.ply --out my-shirt --scale 0.001 --up y --held 12 840 -3 --texture floral"""
+_ITEM, _CAMERA, _ERRORS = "the item", "the camera", "noise and errors"
+_STD = "standard deviation of "
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("mesh", type=Path, metavar="MESH", help="OBJ, PLY, glTF, GLB, STL or OFF file")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="recording folder to write")
-    parser.add_argument("--name", help="title of the recording (default: the folder's name)")
-    _add_hanging(parser.add_argument_group("the item"))
-    _add_camera(parser.add_argument_group("the camera"))
-    _add_errors(parser.add_argument_group("noise and errors"))
+@dataclass(kw_only=True)
+class Options(Output):
+    """The options of the command."""
 
-
-def _add_hanging(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--up",
-        choices=("x", "y", "z", "-x", "-y", "-z"),
-        help="upward axis of the file (default: GLB and glTF y, others z); a downward one as --up=-z",
+    mesh: Path = option("OBJ, PLY, glTF, GLB, STL or OFF file", "MESH", MISSING, positional=True)
+    out: Path = option("recording folder to write", "DIR", MISSING)
+    name: str | None = option("title of the recording (default: the folder's name)")
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = option(
+        "upward axis of the file (default: GLB and glTF y, others z); a downward one as --up=-z", group=_ITEM
     )
-    group.add_argument("--scale", type=float, default=1.0, help="metres per unit of the file (default: 1)")
-    held = group.add_mutually_exclusive_group()
-    held.add_argument(
-        "--held", type=float, nargs=3, metavar=("X", "Y", "Z"),
-        help="held point, in the file's frame and unit (default: the highest vertex)",
+    scale: float = option("metres per unit of the file", default=1.0, group=_ITEM)
+    held: tuple[float, float, float] | None = option(
+        "held point, in the file's frame and unit (default: the highest vertex)", "X Y Z",
+        group=_ITEM, either="held"
     )  # fmt: skip
-    held.add_argument("--held-vertex", type=int, metavar="N", help="held vertex, counted from 0")
-    group.add_argument(
-        "--balance", action="store_true", help="rotate the mesh rigidly so that it hangs below the held point"
-    )
-    group.add_argument("--panel", default="1", help="side of interest: front, back, or 1 or 2 (default: 1)")
-    group.add_argument("--inside-out", action="store_true", help="the faces of the file point inwards")
-    group.add_argument(
-        "--texture",
-        help="checker, floral, stripes, plain, mesh (its own colors), or a kit.json, which is printed on it "
+    held_vertex: int | None = option("held vertex, counted from 0", "N", either="held")
+    balance: bool = option("rotate the mesh rigidly so that it hangs below the held point", group=_ITEM)
+    panel: str = option("side of interest: front, back, or 1 or 2", default="1", group=_ITEM)
+    inside_out: bool = option("the faces of the file point inwards", group=_ITEM)
+    texture: str | None = option(
+        "checker, floral, stripes, plain, mesh (its own colors), or a kit.json, which is printed on it "
         "(default: its own if it has any, else checker)",
+        group=_ITEM,
+    )
+    distance: float = option("distance from the turning axis", "M", 0.85, group=_CAMERA)
+    step: float = option("angle between views", "DEG", 10.0, group=_CAMERA)
+    size: tuple[int, int] = option("image size in pixels", "W H", (480, 848), group=_CAMERA)
+    focal: float = option("focal length", "PX", 425.0, group=_CAMERA)
+    center: tuple[float, float] | None = option(
+        "principal point (default: the middle)", "CX CY", group=_CAMERA
+    )
+    noise: Literal["none", "d435", "stereo"] = option(
+        "none, the noise model of a D435, or depth matched between two rendered infrared images",
+        default="none", names=("--sensor", "--noise"), group=_ERRORS
     )  # fmt: skip
-
-
-def _add_camera(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--distance",
-        type=float,
-        default=0.85,
-        metavar="M",
-        help="distance from the turning axis (default: 0.85)",
+    angle_error: float = option(_STD + "the recorded angles", "DEG", 0.0, group=_ERRORS)
+    axis_error: float = option(_STD + "the recorded axis", "MM", 0.0, group=_ERRORS)
+    sway: float = option(
+        _STD + "the lowest point from view to view", "MM", 0.0, names=("--sway", "--swing"), group=_ERRORS
     )
-    group.add_argument(
-        "--step", type=float, default=10.0, metavar="DEG", help="angle between views (default: 10)"
+    twist: float = option(
+        _STD + "the angle by which the lowest point lags behind the turn", "DEG", 0.0, group=_ERRORS
     )
-    group.add_argument(
-        "--size",
-        type=int,
-        nargs=2,
-        default=(480, 848),
-        metavar=("W", "H"),
-        help="image size in pixels (default: 480 848)",
+    exposure: float = option(
+        _STD + "the exposure from view to view; white balance a quarter of it", "PERCENT", 0.0, group=_ERRORS
     )
-    group.add_argument("--focal", type=float, default=425.0, metavar="PX", help="focal length (default: 425)")
-    group.add_argument(
-        "--center", type=float, nargs=2, metavar=("CX", "CY"), help="principal point (default: the middle)"
-    )
+    seed: int = option("seed of the pattern and of all errors", default=0, group=_ERRORS)
 
 
-_DEVIATIONS = (
-    (("--angle-error",), "DEG", "the recorded angles"),
-    (("--axis-error",), "MM", "the recorded axis"),
-    (("--sway", "--swing"), "MM", "the lowest point from view to view"),
-    (("--twist",), "DEG", "the angle by which the lowest point lags behind the turn"),
-    (("--exposure",), "PERCENT", "the exposure from view to view; white balance a quarter of it"),
-)
-
-
-def _add_errors(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--sensor",
-        "--noise",
-        dest="noise",
-        choices=("none", "d435", "stereo"),
-        default="none",
-        help="none, the noise model of a D435, or depth matched between two rendered infrared images",
-    )
-    for names, unit, text in _DEVIATIONS:
-        group.add_argument(
-            *names, dest=names[0][2:].replace("-", "_"), type=float, default=0.0, metavar=unit,
-            help=f"standard deviation of {text}",
-        )  # fmt: skip
-    group.add_argument(
-        "--seed", type=int, default=0, help="seed of the pattern and of all errors (default: 0)"
-    )
-
-
-def run(options: argparse.Namespace) -> None:
+def run(options: Options) -> None:
     """Render and write the recording, and print a summary."""
     from flatcloth.synthesis.hanging import PoseErrors
     from flatcloth.synthesis.recording import Request, camera_of, synthesize
     from flatcloth.synthesis.stereo import Exposure
     from flatcloth.validation.kit import printed_cloth, read_kit, write_kit
 
-    kit = read_kit(Path(options.texture)) if (options.texture or "").endswith(".json") else None
+    texture = options.texture or ""
+    kit = read_kit(Path(texture)) if texture.endswith(".json") else None
     request = Request(
         mesh=options.mesh,
         out=options.out,
         name=options.name,
         up=options.up,
         scale=options.scale,
-        held=tuple(options.held) if options.held else options.held_vertex,
+        held=options.held or options.held_vertex,
         balanced=options.balance,
         inside_out=options.inside_out,
         panel=options.panel,
         texture=printed_cloth(kit) if kit else options.texture,
-        camera=camera_of(tuple(options.size), options.focal, options.center),
+        camera=camera_of(options.size, options.focal, options.center),
         distance_m=options.distance,
         step_deg=options.step,
         noise=options.noise,

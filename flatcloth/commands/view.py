@@ -1,17 +1,40 @@
-"""The command ``view``: the operator page."""
+"""The command ``view``: the operator page, and opening what its start screen offers."""
 
 from __future__ import annotations
 
-import argparse
+import contextlib
+import dataclasses
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from flatcloth.commands.active import add_address, add_cell, add_goal
-from flatcloth.commands.common import add_method, add_source, whole
-from flatcloth.commands.export import add_hand_eye
-from flatcloth.commands.opening import add_camera, first_of_camera, opened_recording, page_options
+from flatcloth.commands.options import (
+    SOURCES,
+    Address,
+    Aim,
+    Capture,
+    HandEye,
+    Method,
+    Output,
+    SimulatedCell,
+    SourceInformation,
+    excluded,
+    option,
+    whole,
+)
+from flatcloth.commands.output import announce, say
 from flatcloth.core.errors import FlatclothError
 
-NAME = "view"
+if TYPE_CHECKING:
+    from flatcloth.active.service import Eye
+    from flatcloth.recordings import SourceOptions
+    from flatcloth.viewer.places import Chosen
+    from flatcloth.viewer.server.app import PageServer
+    from flatcloth.viewer.server.workspace import Opened
+
 SUMMARY = "open the operator page (the default command)"
 EXAMPLES = """examples:
   flatcloth                                    the page, where a recording is chosen
@@ -21,56 +44,292 @@ EXAMPLES = """examples:
   flatcloth view --camera --out my-recording --step 10    a RealSense camera, and guided capture"""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    add_source(parser, without="the start screen, where one is chosen")
-    add_method(parser)
-    add_hand_eye(parser)
-    add_address(parser)
-    parser.add_argument(
-        "--port",
-        type=whole(0, 65535, "is not a port; give a number from 0 to 65535"),
+@dataclass(kw_only=True)
+class Options(Output, SimulatedCell, Aim, Capture, Address, HandEye, Method, SourceInformation):
+    """The options of the command."""
+
+    source: str | None = option(
+        f"{SOURCES} (default: the start screen, where one is chosen)", "SOURCE", positional=True
+    )
+    port: int = option(
+        "port of the page, 0 for any free one",
         default=8080,
-        help="port of the page, 0 for any free one (default: 8080)",
+        read=whole(0, 65535, "is not a port; give a number from 0 to 65535"),
     )
-    token = parser.add_mutually_exclusive_group()
-    token.add_argument(
-        "--token-file",
-        type=Path,
-        metavar="FILE",
-        help="file with the token of the page, made with a new one if it does not exist "
-        "(default: the variable FLATCLOTH_TOKEN, or the user's own token)",
+    token_file: Path | None = option(
+        "file with the token of the page, made with a new one if it does not exist (default: the variable "
+        "FLATCLOTH_TOKEN, or the user's own token)",
+        "FILE",
+        either="token",
     )
-    token.add_argument(
-        "--no-token",
-        action="store_true",
-        help="let every user and program of this computer use the page",
+    no_token: bool = option("let every user and program of this computer use the page", either="token")
+    root: Path | None = option(
+        "let the start screen open recordings and sessions below this folder (default: none)", "DIR"
     )
-    parser.add_argument(
-        "--root",
-        type=Path,
-        metavar="DIR",
-        help="let the start screen open recordings and sessions below this folder (default: none)",
+    session: Path | None = option(
+        "session folder, resumed if it exists (default: one per recording in the user's state folder)", "DIR"
     )
-    parser.add_argument(
-        "--session",
-        type=Path,
-        metavar="DIR",
-        help="session folder, resumed if it exists (default: one per recording in the user's state folder)",
+    camera: str | None = option(
+        "show a RealSense camera instead of a recording; a RealSense file is played in its place",
+        "SERIAL",
+        const="",
+        group="camera",
+    )
+    out: Path | None = option(
+        "recording folder that a guided capture writes (default: a new one here, named after the time); with "
+        "--cell: session folder",
+        "DIR",
+        group="camera",
     )
 
-    add_camera(parser)
-    add_goal(parser.add_argument_group("active loop (with --cell, or --camera and --goal)"))
-    add_cell(parser)
+
+def opened_recording(options: Options, source: str, session: Path | None = None) -> Opened:
+    """Open a recording with its session; ``session`` is the session's folder, by default its own.
+
+    Raises
+    ------
+    FlatclothError
+        If the recording cannot be read, or its session is in use.
+    """
+    found = _opened(options, source, session, None)
+    assert found is not None
+    return found
 
 
-def run(options: argparse.Namespace) -> None:
+class Opener:
+    """Opens the places of the start screen with the options that the program was started with."""
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+
+    def __call__(self, chosen: Chosen, current: Path | None) -> Opened | None:
+        """Open a place; None if its session is ``current``, which is open already."""
+        if chosen.kind == "camera":
+            return opened_camera(self._options, chosen.source)
+        if chosen.kind == "cell":
+            return opened_cell(dataclasses.replace(self._options, cell="", out=None))
+        options = self._options
+        if chosen.header is None:
+            return _opened(options, chosen.source, None, current, chosen)
+        options = dataclasses.replace(options, method=chosen.header.method)
+        return _opened(options, chosen.source, chosen.session, current, chosen)
+
+
+def _opened(
+    options: Options,
+    source: str,
+    session: Path | None,
+    current: Path | None,
+    chosen: Chosen | None = None,
+) -> Opened | None:
+    from flatcloth.api.integrating import integration_of
+    from flatcloth.engine.warmup import begin_ahead, compile_beside
+    from flatcloth.recordings import open_recording
+    from flatcloth.session.axis_file import settle_axis
+    from flatcloth.session.header import default_session_folder, kept_config
+    from flatcloth.session.store import SessionFolder
+
+    header = None if chosen is None else chosen.header
+    if session is not None and session == current:
+        return None
+    config = None if header is None else header.effective_config
+    if header is None and session is not None:
+        config = kept_config(session, options.method)
+    recording = open_recording(source, _source_options(options, chosen))
+    integration = integration_of(recording, options.method, config)
+    integration.looks_ahead = True
+    path = session or default_session_folder(integration.recording, options.method, integration.config)
+    if path == current:
+        return None
+    folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
+    try:
+        settle_axis(folder.folder, integration.views)
+        compile_beside()
+        begin_ahead(integration, folder.state)
+        # The scene's library loads only now, while the first shape is being computed.
+        from flatcloth.viewer.server.workspace import Opened
+
+        return Opened(integration, folder, base_from_camera=options.base_from_camera(), close=folder.close)
+    except BaseException:
+        folder.close()
+        raise
+
+
+def _source_options(options: Options, chosen: Chosen | None) -> SourceOptions:
+    """Return what a recording is opened with: what its session was opened with, or the options given now."""
+    from flatcloth.recordings import SourceOptions
+
+    if chosen is not None and chosen.options is not None:
+        return chosen.options
+    if chosen is not None and chosen.header is not None:
+        return SourceOptions.from_dict(chosen.header.recording.options, "the session").again()
+    return SourceOptions() if chosen is not None and chosen.kind == "example" else options.source_options()
+
+
+def opened_camera(options: Options, serial: str) -> Opened:
+    """Open a camera and its capture, for the page.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such camera, or options of the capture are invalid.
+    """
+    from flatcloth.cameras import capture, open_camera
+    from flatcloth.cameras.feed import CameraFeed
+    from flatcloth.engine.integration import Integration
+    from flatcloth.engine.live import camera_recording
+    from flatcloth.session.axis_file import settle_axis
+    from flatcloth.session.header import default_session_folder
+    from flatcloth.session.store import SessionFolder
+    from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
+    from flatcloth.viewer.server.workspace import Opened
+
+    settings = CaptureSettings(
+        folder=options.out or Path(f"recording-{datetime.now():%Y%m%d-%H%M%S}"),
+        step_deg=10.0 if options.step is None else options.step,
+        frames=capture.FRAMES if options.frames is None else options.frames,
+        resume=options.resume,
+    )
+    capture.begin(settings.step_deg, settings.frames)  # invalid values are reported before a camera starts
+    with contextlib.ExitStack[None]() as stack:
+        feed = CameraFeed(open_camera(serial, options.align or "depth"))
+        stack.callback(lambda: feed.stop(timeout_s=5.0))
+        integration = Integration(camera_recording(feed), method=options.method)
+        integration.notes = feed.camera.notes
+        path = options.session or default_session_folder(
+            integration.recording, options.method, integration.config
+        )
+        folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
+        stack.callback(folder.close)
+        settle_axis(folder.folder, integration.views)
+        controller = functools.partial(CaptureApplication, integration, folder, feed=feed, settings=settings)
+        return Opened(integration, folder, controller=controller, close=stack.pop_all().close)
+
+
+def opened_cell(options: Options) -> Opened:
+    """Open a simulated cell with an active loop, for the page; its first view is taken.
+
+    Raises
+    ------
+    FlatclothError
+        If the mesh cannot be shown, or the folder cannot be written.
+    """
+    from flatcloth.active.station import view_of_cell
+    from flatcloth.engine.warmup import compile_beside
+
+    options.aim()  # an invalid goal is reported before the mesh is read
+    compile_beside()
+    cell = options.simulated(options.out)
+    eye = functools.partial(view_of_cell, cell, masks=not options.no_masks)
+    return _opened_loop(options, eye, cell.name, contextlib.ExitStack())
+
+
+def opened_looking_camera(options: Options, serial: str) -> Opened:
+    """Open a camera with an active loop, for the page; its first view is taken when the item hangs still.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such camera, it sees no item at rest, or the folder cannot be written.
+    """
+    from flatcloth.active.eye import CameraEye
+    from flatcloth.cameras import capture, open_camera
+    from flatcloth.cameras.feed import CameraFeed
+
+    options.aim()
+    frames = capture.FRAMES if options.frames is None else options.frames
+    with contextlib.ExitStack[None]() as stack:
+        feed = CameraFeed(open_camera(serial, options.align or "depth"))
+        stack.callback(lambda: feed.stop(timeout_s=5.0))
+        eye = CameraEye(feed, frames)
+        feed.start()
+        say(f"{feed.camera.name}: the first view is taken when the item hangs still.")
+        return _opened_loop(options, eye, feed.camera.name, stack.pop_all())
+
+
+def _opened_loop(options: Options, eye: Eye, name: str, stack: contextlib.ExitStack[None]) -> Opened:
+    from flatcloth.session.header import state_folder
+    from flatcloth.viewer.modes.active import ActiveApplication, PageLoop
+    from flatcloth.viewer.server.workspace import Opened
+
+    goal, budget = options.aim()
+    folder = options.out or state_folder() / "sessions" / f"active-{datetime.now():%Y%m%d-%H%M%S}"
+    with stack:
+        loop = PageLoop(folder, goal, budget, options.method, name=name)
+        stack.callback(loop.close)
+        if not loop.views:
+            loop.take(eye(0.0, 0))
+        assert loop.integration is not None
+        assert loop.session is not None
+        return Opened(
+            loop.integration,
+            loop.session,
+            controller=functools.partial(ActiveApplication, loop, eye=eye, source=name),
+            base_from_camera=options.base_from_camera(),
+            close=stack.pop_all().close,
+        )
+
+
+def page_options(options: Options) -> dict[str, Any]:
+    """Return what the server of the page needs of the options of ``view``."""
+    from flatcloth.viewer.places import Places
+    from flatcloth.viewer.server.guard import PublicUrl, given_token, is_open
+
+    public = None if options.public_url is None else PublicUrl.parse(options.public_url)
+
+    def ready(server: PageServer) -> None:
+        here = "" if public is None else f", served to its proxy at port {server.port}"
+        words = f"flatcloth is at {server.url}{here} (Ctrl-C ends it)"
+        session = None if server.session is None else str(server.session)
+        announce(options, words, server.url, server.token, recording=server.recording, session=session)
+
+    token = False if options.no_token else given_token(options.token_file) or True
+    if token is True and options.quiet and is_open(options.host, public):
+        raise FlatclothError("--quiet would keep the token to itself; give --token-file or FLATCLOTH_TOKEN.")
+    return {
+        "ready": ready,
+        "host": options.host,
+        "port": options.port,
+        "token": token,
+        "places": Places(options.root, own=not is_open(options.host, public)),
+        "public": public,
+        "opener": Opener(options),
+    }
+
+
+def first_of_camera(options: Options) -> Callable[[], Opened] | None:
+    """Return what opens the camera or the cell that is shown first; None without ``--camera`` and ``--cell``.
+
+    Raises
+    ------
+    FlatclothError
+        If options contradict each other.
+    """
+    if options.cell is not None:
+        for name in excluded(options, ("source", "camera", "session")):
+            raise FlatclothError(f"--cell shows a simulated cell; it does not go with --{name}.")
+        return lambda: opened_cell(options)
+    if options.camera is None:
+        given = excluded(options, ("out", "frames", "align", "resume"))
+        if given:
+            raise FlatclothError(f"--{given[0]} needs --camera; give both, or neither.")
+        return None
+    if options.source is not None:
+        raise FlatclothError(
+            f"{options.source}: --camera shows a camera instead of a recording; give only one of"
+            " them. A RealSense file is played in the place of a camera by --camera FILE."
+        )
+    opener = opened_camera if options.goal is None else opened_looking_camera
+    return functools.partial(opener, options, options.camera)
+
+
+def run(options: Options) -> None:
     """Serve the page until it is stopped."""
     from flatcloth.viewer.server.app import serve
 
     first, page = first_of_camera(options), page_options(options)
     if options.source is not None:
-        serve(first=lambda: opened_recording(options, options.source, options.session), **page)
+        serve(first=functools.partial(opened_recording, options, options.source, options.session), **page)
         return
     if first is None and options.session:
         raise FlatclothError("--session needs SOURCE; name a recording, or open one on the page.")

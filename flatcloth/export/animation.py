@@ -18,8 +18,6 @@ from flatcloth.rendering.drawing import BLUE, GRID, SOFT, figure_of, show_pictur
 from flatcloth.rendering.pictures import NEW_RGB, PlanePicture, cropped, side_by_side
 from flatcloth.rendering.points import camera_around, paint_points
 
-SUFFIX = ".mp4"
-
 _WIDTH, _HEIGHT, _FOOT, _PANE = 880, 500, 62, 400
 """Layout (px): image, foot, and the pane of the cloud. Chosen."""
 _MOST_TURNING = 72
@@ -65,12 +63,6 @@ def mp4_of(session: OpenedSession) -> bytes:
         finally:
             writer.release()
         return path.read_bytes()
-
-
-def check_suffix(path: Path) -> None:
-    """Check that a name is that of an MP4 file; raises ``FlatclothError`` if not."""
-    if path.suffix.lower() != SUFFIX:
-        raise FlatclothError(f"{path}: an animation is written as MP4; choose a name that ends in {SUFFIX}.")
 
 
 def frames(session: OpenedSession) -> Iterator[tuple[Uint8, int]]:

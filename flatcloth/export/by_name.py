@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
-
 from flatcloth.core.errors import FlatclothError
+from flatcloth.export.files import zipped
 from flatcloth.export.session import OpenedSession
 
 MEDIA = {
@@ -45,7 +43,9 @@ def made(session: OpenedSession, name: str) -> bytes:
 
             return report(session).encode()
         case "figures.zip":
-            return _figures(session)
+            from flatcloth.export.figures import figure_files
+
+            return zipped(figure_files(session))
         case "growth.mp4":
             from flatcloth.export.animation import mp4_of
 
@@ -58,21 +58,8 @@ def made(session: OpenedSession, name: str) -> bytes:
             suffix = name.removeprefix("outline")
             return outline_text(session.view, about, suffix, turn_rad, session.other_view).encode()
         case "data.zip":
-            return session.data().zipped()
+            return zipped((name, make()) for name, make in session.data().files().items())
     data = session.data().file(name)
     if data is None:
         raise FlatclothError(f"This session has no {name}.")
     return data
-
-
-def _figures(session: OpenedSession) -> bytes:
-    from flatcloth.export.figures import all_figures
-
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w") as archive:
-        for figure in all_figures(session):
-            # Without a date, so that the same session gives identical bytes.
-            archive.writestr(zipfile.ZipInfo(f"{figure.name}.png"), figure.png())
-            info = zipfile.ZipInfo(f"{figure.name}.svg")
-            archive.writestr(info, figure.svg(), compress_type=zipfile.ZIP_DEFLATED)
-    return data.getvalue()

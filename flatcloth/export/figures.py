@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError, os_errors_as
-from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Floats
 from flatcloth.engine.outcome import other_side_lines, sides_entry
 from flatcloth.engine.sheet import beyond, lay_out, overlay_on
@@ -77,23 +74,11 @@ class Figure:
         return painted(self.drawing)
 
 
-def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
-    """Write every figure as ``.png`` and ``.svg`` to a folder.
-
-    Raises
-    ------
-    FlatclothError
-        If the folder cannot be written, or the session has no shape.
-    """
-    made: list[Path] = []
-    with os_errors_as(FlatclothError, f"{folder}: figures cannot be written", "Choose another folder."):
-        folder.mkdir(parents=True, exist_ok=True)
-        for figure in all_figures(session):
-            for suffix, data in (("png", figure.png()), ("svg", figure.svg().encode())):
-                path = folder / f"{figure.name}.{suffix}"
-                replace_file(path, data)
-                made.append(path)
-    return made
+def figure_files(session: OpenedSession) -> Iterator[tuple[str, bytes]]:
+    """Yield name and content of the files of every figure, as PNG and SVG."""
+    for figure in all_figures(session):
+        yield f"{figure.name}.png", figure.png()
+        yield f"{figure.name}.svg", figure.svg().encode()
 
 
 def all_figures(session: OpenedSession) -> Iterator[Figure]:

@@ -1,7 +1,10 @@
-"""Atomic writing of exported files, with errors of one line."""
+"""Exported files: written atomically with errors of one line, or packed in an archive."""
 
 from __future__ import annotations
 
+import io
+import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
@@ -11,6 +14,16 @@ from flatcloth.core.plain_files import replace_file
 def printed(text: str) -> str:
     """Return a text with its units as people write them: reasons are kept as a terminal shows them."""
     return text.replace(" cm2", " cm\u00b2")
+
+
+def zipped(files: Iterable[tuple[str, bytes]]) -> bytes:
+    """Return files as one archive, without dates, so that the same ones give the same bytes."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        for name, content in files:
+            packed = zipfile.ZIP_STORED if name.endswith((".npz", ".png")) else zipfile.ZIP_DEFLATED
+            archive.writestr(zipfile.ZipInfo(name), content, compress_type=packed)
+    return data.getvalue()
 
 
 def write_text(path: Path, text: str) -> None:

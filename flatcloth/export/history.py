@@ -5,7 +5,6 @@ The folder is neither locked nor changed. As on resuming, an incomplete last lin
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.grips import read_grips
 from flatcloth.session.header import Header, read_header
-from flatcloth.session.journal import JOURNAL, Line, OutOfBoundsLineError, Pick, Replay, read_journal
+from flatcloth.session.journal import JOURNAL, Line, Pick, Replay, read_journal
 from flatcloth.session.machine import (
     Accept,
     Document,
@@ -27,8 +26,6 @@ from flatcloth.session.machine import (
     Restart,
     Skip,
 )
-
-_log = logging.getLogger(__name__)
 
 ACCEPTED, REJECTED, SKIPPED = "accepted", "rejected", "skipped"
 VERDICTS = (ACCEPTED, REJECTED, SKIPPED)
@@ -158,8 +155,6 @@ def read_history(folder: Path) -> SessionHistory:
             replay = after
     except FileNotFoundError:
         pass
-    except OutOfBoundsLineError as error:
-        _log.warning("%s It is shown as it was before.", error)
     except OSError as error:
         raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
     standing = verdicts.present.standing

@@ -289,15 +289,6 @@ WRITERS: dict[str, Callable[[Drawing], str]] = {".svg": svg, ".dxf": dxf, ".json
 """By the suffix of the file name."""
 
 
-def check_suffix(suffix: str) -> None:
-    """Check that outlines are written in the format of a suffix; raises ``FlatclothError`` if not."""
-    if suffix.lower() not in WRITERS:
-        known = ", ".join(WRITERS)
-        raise FlatclothError(
-            f"An outline is written as {known}, not as {suffix or 'a file without a suffix':.20}."
-        )
-
-
 def outline_text(
     view: FlattenedView,
     name: str,
@@ -312,8 +303,7 @@ def outline_text(
     Raises
     ------
     FlatclothError
-        If the format is unknown, or there is no cloth.
+        If there is no cloth.
     """
-    check_suffix(suffix)
     turn_rad = 0.0 if suffix.lower() == ".json" else upright_rad
     return WRITERS[suffix.lower()](drawing(view, name, turn_rad, other))

@@ -83,9 +83,7 @@ class OpenedSession:
     @cached_property
     def garment(self) -> KnownGarment | str:
         """What is known of the garment, or why nothing is."""
-        if self.both is not None:
-            self._joined(self.history.begun)  # it is recognised by both sides once they are joined
-        return self.garments.known(self.history.begun)
+        return self.data().garment
 
     @cached_property
     def both(self) -> BothSides | None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -129,15 +127,6 @@ class SessionData:
         written = write_files(files, folder, threads)
         remove_stale(files, folder)
         return written
-
-    def zipped(self) -> bytes:
-        """Return all files in one archive; without dates, so that the same session gives the same bytes."""
-        data = io.BytesIO()
-        with zipfile.ZipFile(data, "w") as archive:
-            for name, make in self.files().items():
-                packed = zipfile.ZIP_STORED if name.endswith((".npz", ".png")) else zipfile.ZIP_DEFLATED
-                archive.writestr(zipfile.ZipInfo(name), make(), compress_type=packed)
-        return data.getvalue()
 
     def file(self, name: str) -> bytes | None:
         """Return one file; None if the session has none of this name."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,14 +10,15 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from flatcloth.core.decoding import Vector3, decoded
-from flatcloth.core.errors import FlatclothError, os_errors_as
-from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.core.decoding import Vector3
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import finite
 from flatcloth.grasping.grasps import OPENING_RANGE_M, GraspPose, Grip
+from flatcloth.session.kept import read_kept, write_kept
 
 FILE = "grips.json"
-FORMAT = "flatcloth-grips/1"
+FORMAT: Literal["flatcloth-grips/1"] = "flatcloth-grips/1"
+_REMEDY = "Delete it: all grips then follow the outline."
 
 
 class _Grip(msgspec.Struct, frozen=True):
@@ -48,18 +48,11 @@ def read_grips(folder: Path) -> dict[int, Grip]:
     FlatclothError
         If the file is damaged; the message names it.
     """
-    path = folder / FILE
+    kept = read_kept(folder / FILE, _File, _REMEDY)
     try:
-        kept = decoded(read_plain(path), _File)
-        return {int(key): grip.checked() for key, grip in kept.grips.items()}
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
+        return {} if kept is None else {int(key): grip.checked() for key, grip in kept.grips.items()}
     except ValueError as error:
-        raise FlatclothError(
-            f"{path}: is damaged ({error}). Delete it: all grips then follow the outline."
-        ) from error
+        raise FlatclothError(f"{folder / FILE}: damaged ({error}). {_REMEDY}") from error
 
 
 class GripStore:
@@ -108,16 +101,8 @@ class GripStore:
 
     def _write(self, grips: dict[int, Grip]) -> None:
         if self._folder is not None:
-            table = {
-                str(key): {"axis_held": grip.axis_held, "opening_m": grip.opening_m}
-                for key, grip in sorted(grips.items())
-            }
-            path = self._folder / FILE
-            content = {"format": FORMAT, "grips": table}
-            with os_errors_as(
-                FlatclothError, f"{path}: cannot be written", "The grip is unchanged. Free disk space."
-            ):
-                replace_file(path, json.dumps(content, indent=1).encode() + b"\n")
+            table = {str(key): _Grip(grip.axis_held, grip.opening_m) for key, grip in sorted(grips.items())}
+            write_kept(self._folder / FILE, _File(FORMAT, table))
         self._grips = grips
 
 

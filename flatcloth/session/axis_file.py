@@ -6,28 +6,25 @@ version of this program, uses the same axis as the decisions did.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated, Literal, Protocol
+from typing import Literal, Protocol
 
 import msgspec
 import numpy as np
 
-from flatcloth.core.decoding import Vector3, decoded
-from flatcloth.core.errors import JournalError, os_errors_as
-from flatcloth.core.plain_files import read_plain, replace_file
-from flatcloth.core.types import RotationAxis
+from flatcloth.core.decoding import Vector3
+from flatcloth.core.errors import JournalError
+from flatcloth.core.types import Float64, RotationAxis
+from flatcloth.session.kept import Metres, read_kept, write_kept
 
-FORMAT = "flatcloth-axis/1"
+FORMAT: Literal["flatcloth-axis/1"] = "flatcloth-axis/1"
 FILE = "axis.json"
-
-
-_Metres = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
+_REMEDY = "Remove it to use the recording's own axis."
 
 
 class _File(msgspec.Struct, frozen=True):
     format: Literal["flatcloth-axis/1"]
-    point_m: tuple[_Metres, _Metres, _Metres]
+    point_m: tuple[Metres, Metres, Metres]
     direction: Vector3
     estimated: bool
 
@@ -65,9 +62,8 @@ def check_axis(axis: RotationAxis) -> None:
     JournalError
         If its numbers are not finite, its direction is not a unit vector, or it lies over 100 m away.
     """
-    point, direction = np.asarray(axis.point_m), np.asarray(axis.direction)
-    near = bool(np.all(np.abs(point) <= 100.0))  # also false where something is not a number
-    if not near or not abs(float(np.linalg.norm(direction)) - 1.0) <= 1e-6:
+    near = bool(np.all(np.abs(axis.point_m) <= 100.0))  # also false where something is not a number
+    if not near or not _is_unit(axis.direction):
         raise JournalError("The axis needs finite numbers, and a place within 100 m. Set it again.")
 
 
@@ -79,23 +75,12 @@ def read_axis(folder: Path) -> RotationAxis | None:
     JournalError
         If the file is damaged.
     """
-    path = folder / FILE
-    try:
-        data = read_plain(path)
-    except FileNotFoundError:
+    kept = read_kept(folder / FILE, _File, _REMEDY)
+    if kept is None:
         return None
-    except OSError as error:
-        raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
-    try:
-        kept = decoded(data, _File)
-        direction = np.array(kept.direction, dtype=np.float64)
-        if abs(np.linalg.norm(direction) - 1.0) > 1e-6:
-            raise ValueError("its direction is not of length 1")
-    except ValueError as error:
-        raise JournalError(
-            f"{path}: damaged ({error}). Remove it to use the recording's own axis."
-        ) from error
-    point = np.array(kept.point_m, dtype=np.float64)
+    point, direction = (np.array(one, dtype=np.float64) for one in (kept.point_m, kept.direction))
+    if not _is_unit(direction):
+        raise JournalError(f"{folder / FILE}: damaged (its direction is not of length 1). {_REMEDY}")
     return RotationAxis(point_m=point, direction=direction, estimated=kept.estimated)
 
 
@@ -108,12 +93,9 @@ def write_axis(folder: Path, axis: RotationAxis) -> None:
         If it cannot be written; the previous file then stays.
     """
     check_axis(axis)
-    table = {
-        "format": FORMAT,
-        "point_m": axis.point_m.tolist(),
-        "direction": axis.direction.tolist(),
-        "estimated": axis.estimated,
-    }
-    path = folder / FILE
-    with os_errors_as(JournalError, f"{path}: cannot be written", "Free disk space and repeat it."):
-        replace_file(path, json.dumps(table, indent=1).encode() + b"\n")
+    point, direction = (tuple(one.tolist()) for one in (axis.point_m, axis.direction))
+    write_kept(folder / FILE, _File(FORMAT, point, direction, axis.estimated))
+
+
+def _is_unit(direction: Float64) -> bool:
+    return abs(float(np.linalg.norm(direction)) - 1.0) <= 1e-6

@@ -6,20 +6,16 @@ The garment and the seams say so while the piece floats; as the proposal it is n
 from __future__ import annotations
 
 import contextlib
-import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import msgspec
 
-from flatcloth.core.decoding import decoded
-from flatcloth.core.errors import FlatclothError
-from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.core.errors import JournalError
 from flatcloth.core.types import Rigid2
+from flatcloth.session.kept import Metres, read_kept, write_kept
 
 FILE = "ghosts.json"
-
-_Metres = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
 
 
 class Ghost(msgspec.Struct, frozen=True, kw_only=True):
@@ -27,9 +23,9 @@ class Ghost(msgspec.Struct, frozen=True, kw_only=True):
 
     source: Literal["garment", "seams"]
     theta_rad: float
-    u_m: _Metres
-    v_m: _Metres
-    std_m: _Metres
+    u_m: Metres
+    v_m: Metres
+    std_m: Metres
 
     @property
     def motion(self) -> Rigid2:
@@ -48,13 +44,12 @@ class Ghosts(msgspec.Struct, frozen=True, kw_only=True):
 def keep_ghosts(folder: Path | None, ghosts: Ghosts) -> None:
     """Save the ghosts; without them, after a restart, the piece is placed as before."""
     if folder is not None:
-        with contextlib.suppress(OSError):
-            replace_file(folder / FILE, json.dumps(msgspec.to_builtins(ghosts)).encode() + b"\n", 0o600)
+        with contextlib.suppress(JournalError):
+            write_kept(folder / FILE, ghosts, 0o600)
 
 
 def read_ghosts(folder: Path | None) -> Ghosts:
     """Return the ghosts that were saved; none if there are none, or if the file is damaged."""
-    try:
-        return Ghosts() if folder is None else decoded(read_plain(folder / FILE), Ghosts)
-    except (OSError, ValueError, FlatclothError):
-        return Ghosts()
+    with contextlib.suppress(JournalError):
+        return (folder and read_kept(folder / FILE, Ghosts, "")) or Ghosts()
+    return Ghosts()

@@ -46,8 +46,8 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     method: str
     config: dict[str, Any]
     versions: Mapping[str, str]
-    id: str = ""
-    """Different for every session; the journal's checksums begin with it. Earlier versions have none."""
+    id: str
+    """Different for every session; the journal's checksums begin with it."""
 
     @property
     def seed(self) -> int:

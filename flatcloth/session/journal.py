@@ -1,17 +1,14 @@
 """``journal.jsonl``: the format of its lines, and the reader that restores a session from them.
 
 There is one line per decision, answer or pick, in order. A line is valid once its newline is on disk;
-an incomplete last line after a crash was never acknowledged. Each line ends with a checksum over itself
-and all lines before it; journals of earlier versions have none.
+an incomplete last line after a crash was never acknowledged. The lines are sealed (:mod:`.journal_file`).
 """
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import typing
-import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -22,9 +19,10 @@ import msgspec
 import numpy as np
 
 from flatcloth.core.decoding import fitted
-from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBoundsError
+from flatcloth.core.errors import IllegalDecisionError, JournalError
 from flatcloth.core.types import Float64
 from flatcloth.session.header import Header
+from flatcloth.session.journal_file import sealed, unsealed
 from flatcloth.session.machine import Command, Event, SessionState, apply
 
 JOURNAL = "journal.jsonl"
@@ -91,7 +89,6 @@ KINDS: dict[str, type[Any]] = {
 }
 """The entries by their name in the journal: ``TakePart`` is "take part"."""
 _NAMES = {kind: name for name, kind in KINDS.items()}
-_SEAL = re.compile(rb',"crc":"([0-9a-f]{8})"\}\Z')
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,7 @@ class Line:
 class _Envelope(msgspec.Struct):
     line: int
     kind: str
-    time: str = ""
+    time: str
 
 
 def encode(number: int, entry: Entry, link: int = 0) -> tuple[bytes, int]:
@@ -123,8 +120,7 @@ def encode(number: int, entry: Entry, link: int = 0) -> tuple[bytes, int]:
     table = {"line": number, "time": now, "kind": _NAMES[type(entry)], **vars(entry)}
     body = msgspec.json.encode(table, enc_hook=_plain)
     decode(number, body)
-    seal = zlib.crc32(body, link)
-    return body[:-1] + b',"crc":"%08x"}\n' % seal, seal
+    return sealed(body, link)
 
 
 def decode(number: int, line: bytes) -> Line:
@@ -136,13 +132,13 @@ def decode(number: int, line: bytes) -> Line:
         If the line is damaged, or not the ``number``-th; the text gives the reason.
     """
     try:
-        table = msgspec.json.decode(_without_lone_surrogates(line))
+        table = msgspec.json.decode(line)
     except (ValueError, RecursionError) as error:
         raise ValueError("it is not JSON") from error
     try:
         about = fitted(table, _Envelope)
         kind = KINDS[about.kind]
-        # Null is an unknown number; fields that journals of earlier versions lack take the entry's default.
+        # Null is an unknown number, which is the entry's default.
         entry: Entry = fitted({k: v for k, v in table.items() if v is not None}, kind)
         for name, value in msgspec.to_builtins(entry).items():
             if isinstance(value, dict) and value.keys() != table[name].keys():
@@ -160,13 +156,6 @@ def _plain(value: Any) -> Any:
     raise ValueError(f"{value!r} cannot be written to a journal")
 
 
-def _without_lone_surrogates(line: bytes) -> bytes:
-    """Replace invalid Unicode, which earlier versions allowed in the names of picks."""
-    if b"\\ud" not in line:
-        return line
-    return json.dumps(json.loads(line), ensure_ascii=False).encode("utf-8", "replace")
-
-
 # --- the session of a journal -------------------------------------------------------------------
 
 
@@ -174,7 +163,7 @@ def _without_lone_surrogates(line: bytes) -> bytes:
 class Replay:
     """The session that the lines of a journal make; its readers and its writer advance it in the same way.
 
-    ``lines`` were read or written, and ``link`` is the checksum over them; ``sealed`` once a line had one.
+    ``lines`` were read or written, and ``link`` is the checksum over them.
     """
 
     state: SessionState
@@ -182,13 +171,12 @@ class Replay:
     next_pick: int = 1
     lines: int = 0
     link: int = 0
-    sealed: bool = False
 
     @classmethod
     def of(cls, header: Header) -> Replay:
         """Return the session of a header, before its first line."""
         state = SessionState(n_views=header.recording.views)
-        return cls(state, link=header.seed, sealed=bool(header.id))
+        return cls(state, link=header.seed)
 
     def after(self, entry: Entry) -> Replay:
         """Return the session after an entry; the same object if the entry changes nothing.
@@ -213,7 +201,7 @@ class Replay:
 
     def with_line(self, link: int) -> Replay:
         """Return the session with one more line, which ends with this checksum."""
-        return replace(self, lines=self.lines + 1, link=link, sealed=True)
+        return replace(self, lines=self.lines + 1, link=link)
 
     def read(self, line: bytes) -> tuple[Line, Replay]:
         """Return the content of the next line, and the session after it.
@@ -226,14 +214,8 @@ class Replay:
             If its entry is not allowed.
         """
         found = decode(self.lines + 1, line)
-        seal = _SEAL.search(line)
-        if seal is None and self.sealed:
-            raise ValueError("it has no checksum")
-        link = zlib.crc32(line if seal is None else line[: seal.start()] + b"}", self.link)
-        if seal is not None and link != int(seal[1], 16):
-            raise ValueError("its checksum does not match")
-        after = self.after(found.entry).with_line(link)
-        return found, replace(after, sealed=self.sealed or seal is not None)
+        link = unsealed(line, self.link)
+        return found, self.after(found.entry).with_line(link)
 
 
 def _pick(added: PickAdded) -> Pick:
@@ -249,17 +231,6 @@ def _pick(added: PickAdded) -> Pick:
     )
 
 
-class OutOfBoundsLineError(JournalError):
-    """A line of a journal is whole, but has a number that no garment has; ``start`` is its first byte."""
-
-    def __init__(self, path: Path, number: int, start: int, cause: str) -> None:
-        super().__init__(
-            f"{path}: line {number} cannot be applied ({cause}) Open the session with flatcloth view:"
-            " it continues at the decision before that line."
-        )
-        self.number, self.start, self.cause = number, start, cause
-
-
 def read_journal(path: Path, data: bytes, replay: Replay) -> Iterator[tuple[Line, Replay]]:
     """Yield each complete line of a journal with the session after it.
 
@@ -268,18 +239,14 @@ def read_journal(path: Path, data: bytes, replay: Replay) -> Iterator[tuple[Line
     Raises
     ------
     JournalError
-        If a line is damaged; the message names it. As :class:`OutOfBoundsLineError` if it is whole.
+        If a line is damaged, or not allowed there; the message names it.
     """
-    start = 0
     for number, text in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], start=1):
         try:
             line, replay = replay.read(text)
-        except OutOfBoundsError as error:
-            raise OutOfBoundsLineError(path, number, start, str(error)) from error
         except (ValueError, IllegalDecisionError) as error:
             raise JournalError(
                 f"{path}: line {number} is damaged ({error}). Restore it from a copy,"
                 " cut the file before that line to continue from there, or use another folder."
             ) from error
         yield line, replay
-        start += len(text) + 1

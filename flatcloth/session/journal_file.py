@@ -1,4 +1,8 @@
-"""The journal as a file: locked by one process, appended to, and compared with its name at each write."""
+"""Append-only lists as files: locked by one process, and compared with their names at each write.
+
+A line counts once its newline is on disk. Each is a JSON object that ends with a checksum over itself and all
+lines before it.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,30 @@ import contextlib
 import errno
 import fcntl
 import os
+import re
+import zlib
 from pathlib import Path
 
 from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, open_own
+
+_SEAL = re.compile(rb',"crc":"([0-9a-f]{8})"\}\Z')
+
+
+def sealed(body: bytes, link: int) -> tuple[bytes, int]:
+    """Return a JSON object as a line, newline included, and its checksum after that of the one before."""
+    seal = zlib.crc32(body, link)
+    return body[:-1] + b',"crc":"%08x"}\n' % seal, seal
+
+
+def unsealed(line: bytes, link: int) -> int:
+    """Return the checksum of a line without its newline; raises ``ValueError`` if it is another's."""
+    seal = _SEAL.search(line)
+    if seal is None:
+        raise ValueError("it has no checksum")
+    found = zlib.crc32(line[: seal.start()] + b"}", link)
+    if found != int(seal[1], 16):
+        raise ValueError("its checksum does not match")
+    return found
 
 
 class LockedError(Exception):

@@ -26,7 +26,6 @@ from flatcloth.session.journal import (
     JOURNAL,
     Coordinate,
     Entry,
-    OutOfBoundsLineError,
     Pick,
     PickAdded,
     Replay,
@@ -65,7 +64,7 @@ class SessionFolder:
         """Create a session folder, or resume the session in it.
 
         A computation that ran when the process was killed is lost. An incomplete last line is
-        dropped, and so is everything from a line with an impossible number on; both give a notice.
+        dropped, which gives a notice.
 
         Raises
         ------
@@ -208,29 +207,15 @@ class SessionFolder:
 
     def _resume(self) -> None:
         path, data = self._folder / JOURNAL, self._journal.data
-        try:
-            for _, after in read_journal(path, data, self._replay):
-                self._replay = after
-        except OutOfBoundsLineError as error:
-            aside = self._set_aside(data)
-            self._journal.cut(error.start)
-            self._notice(
-                f"{path}: line {error.number} cannot be applied ({error.cause}) The session continues at the"
-                f" decision before it; the whole journal is kept in {aside.name}."
-            )
-        else:
-            complete = data.rfind(b"\n") + 1
-            if complete < len(data):
-                self._notice(f"{path}: the last line is incomplete after a crash and is dropped.")
-                self._journal.cut(complete)
+        for _, after in read_journal(path, data, self._replay):
+            self._replay = after
+        complete = data.rfind(b"\n") + 1
+        if complete < len(data):
+            self._notice(f"{path}: the last line is incomplete after a crash and is dropped.")
+            self._journal.cut(complete)
         if self.state.request is not None:
             # The computation is lost. Recording its end in the journal keeps the later lines legal.
             self.record(Cancel())
-
-    def _set_aside(self, data: bytes) -> Path:
-        path = _unused(self._folder / f"{JOURNAL}.set-aside")
-        replace_file(path, data)
-        return path
 
     def _append(self, entry: Entry) -> int:
         """Write an entry as the next line, and return its checksum."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from pathlib import Path
 
 import msgspec
 
-from flatcloth.core.decoding import decoded
-from flatcloth.core.errors import FlatclothError
-from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.core.errors import JournalError
+from flatcloth.session.kept import read_kept, write_kept
 from flatcloth.session.machine import Document
 
 FILE = "summary.json"
@@ -42,13 +40,12 @@ def keep_summary(
         garment=garment,
         ended=document.finished is not None,
     )
-    with contextlib.suppress(OSError):
-        replace_file(folder / FILE, json.dumps(msgspec.to_builtins(summary)).encode() + b"\n", 0o600)
+    with contextlib.suppress(JournalError):
+        write_kept(folder / FILE, summary, 0o600)
 
 
 def read_summary(folder: Path) -> Summary | None:
     """Return how far a session is; None if it is not known."""
-    try:
-        return decoded(read_plain(folder / FILE), Summary)
-    except (OSError, ValueError, FlatclothError):
-        return None
+    with contextlib.suppress(JournalError):
+        return read_kept(folder / FILE, Summary, "")
+    return None

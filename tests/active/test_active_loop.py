@@ -184,7 +184,10 @@ def test_a_torn_last_line_of_the_log_is_dropped_and_a_damaged_one_named(tmp_path
     log = tmp_path / "out" / "active.jsonl"
     whole = log.read_bytes()
     log.write_bytes(whole + b'{"event": "vi')
-    loop_in(tmp_path / "out").close()
+    again = loop_in(tmp_path / "out")
+    with pytest.raises(FlatclothError, match="another active loop takes its views"):
+        loop_in(tmp_path / "out")
+    again.close()
     assert log.read_bytes().startswith(whole)
     log.write_bytes(b"nonsense\n" + whole)
     with pytest.raises(FlatclothError, match=r"active\.jsonl: line 1 is damaged"):

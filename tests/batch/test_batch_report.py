@@ -157,15 +157,6 @@ def test_verdicts_are_appended_and_the_last_counts(out: Path) -> None:
             decide(out, name, verdict)
 
 
-def test_verdicts_of_an_earlier_version_count_and_are_sealed_by_the_next(out: Path) -> None:
-    (out / "review.jsonl").write_text('{"name": "sure", "verdict": "accepted", "time": "x"}\n')
-    decide(out, "less", "rejected")
-    assert read_verdicts(out).decided == {"sure": "accepted", "less": "rejected"}
-    text = (out / "review.jsonl").read_text()
-    (out / "review.jsonl").write_text(text.replace("accepted", "rejected"))
-    assert read_verdicts(out).damage is not None
-
-
 def test_a_damaged_list_is_told_and_not_written_to(out: Path) -> None:
     for name in ("sure", "less", "torn"):
         decide(out, name, "accepted")

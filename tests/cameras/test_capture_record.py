@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import sys
@@ -19,6 +18,7 @@ from flatcloth.cameras.guided_capture import GuidedCapture, writer_for
 from flatcloth.cameras.playback import PlaybackCamera
 from flatcloth.cli import main
 from flatcloth.commands import record
+from flatcloth.commands.options import Output
 from flatcloth.commands.output import speaking
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import prepare
@@ -44,7 +44,7 @@ def led(file: Path, out: Path, answer: Callable[[GuidedCapture], str | None]) ->
     """Lead through a capture; ``answer`` is asked at each frame what the operator types."""
     camera = PlaybackCamera(file, real_time=False)
     guided = GuidedCapture(camera, lambda: writer_for(camera, str(out), "coat", False), 10.0)
-    with speaking(argparse.Namespace(quiet=False, verbose=False, log_file=None)):
+    with speaking(Output()):
         record.lead(camera, guided, lambda: answer(guided), keeps_itself=False)
     guided.close()
     camera.close()

@@ -18,7 +18,10 @@ RIGHT = "shirt-corner-d435"
 
 @pytest.fixture(scope="module")
 def right():
-    return open_recording(RIGHT)
+    """The recording with its images in memory, which are read for each check."""
+    recording = open_recording(RIGHT)
+    frames = [recording[n] for n in range(len(recording))]
+    return altered(recording, read=lambda n: ViewImages(frames[n].color, frames[n].depth_m, frames[n].mask))
 
 
 def _with(recording, images):
@@ -59,18 +62,14 @@ def test_nothing_is_wrong_where_only_the_sensor_is_noisier(name, noise_px):
     [
         (Mends(reverse=True), "sense"),
         (Mends(mirror=True), "sense"),
-        (Mends(angle_factor=0.5), "factor"),
         (Mends(angle_factor=2.0), "factor"),
         (Mends(reverse=True, angle_factor=0.5), "sense"),
         (Mends(rotate=180), "rotated"),
         (Mends(rotate=90), "rotated"),
-        (Mends(rotate=270), "rotated"),
         (Mends(depth_factor=0.1), "unit"),
-        (Mends(depth_factor=10.0), "unit"),
         (Mends(color_shift=(15.0, 0.0)), "color"),
         (Mends(color_scale=1.15), "color"),
         (Mends(focal_factor=1.3), "focal"),
-        (Mends(focal_factor=0.75), "focal"),
         (Mends(view_angles=((4, 210.0), (21, 40.0))), "views"),
     ],
     ids=lambda value: value.words() if isinstance(value, Mends) else value,

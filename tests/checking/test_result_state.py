@@ -214,8 +214,9 @@ def test_no_garment_is_tried_on_an_unattended_result_that_is_wrong(monkeypatch):
         service.of(Document())
 
 
-def test_a_result_of_a_wrong_recording_calls_nothing_reliable(tmp_path):
-    wrong = mended(open_recording(RIGHT), Mends(reverse=True))
+def test_a_result_of_a_wrong_recording_calls_nothing_reliable():
+    every_second = tuple(range(1, 36, 2))
+    wrong = mended(open_recording(RIGHT), Mends(reverse=True, leave_out=every_second))
     assert known_check(wrong) is None
     checked(wrong)
     shape = flatcloth.integrate(wrong, cores=1)

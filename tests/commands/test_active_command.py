@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
 import pytest
+from garment_meshes import arc, write_obj
 
 from flatcloth.cli import main
-from flatcloth.commands import view
-from flatcloth.commands.opening import Opener
+from flatcloth.commands.view import Opener, Options
 from flatcloth.core.resources import sample_mesh
 from flatcloth.synthesis.meshes import read_mesh
 from flatcloth.viewer.places import Places
@@ -19,8 +18,9 @@ from flatcloth.viewer.places import Places
 def test_a_goal_that_the_budget_does_not_reach_ends_with_1_and_its_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "out"
-    command = ["active", "--cell", "--out", str(out), "--sensor", "none", "--goal", "kind", "--budget"]
+    out, sheet = tmp_path / "out", write_obj(tmp_path / "sheet.obj", *arc(200, columns=48))
+    command = ["active", "--cell", str(sheet), "--out", str(out), "--sensor", "none", "--goal", "kind"]
+    command += ["--panel", "1", "--budget"]
     assert main([*command, "1"]) == 1
     text = capsys.readouterr().out
     assert "View 0: turn by +0 to 0 degrees." in text
@@ -69,9 +69,7 @@ def test_the_start_screen_opens_the_bundled_cell_with_its_first_view_in_the_user
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr("flatcloth.engine.warmup.compile_beside", lambda: None)
-    parser = argparse.ArgumentParser()
-    view.add_options(parser)
-    opened = Opener(parser.parse_args([]))(Places().chosen("cell", ""), None)
+    opened = Opener(Options())(Places().chosen("cell", ""), None)
     assert opened is not None
     try:
         assert len(opened.integration.recording) == 1

@@ -1,3 +1,5 @@
+from exported_sessions import write_cylinder
+
 from flatcloth.cli import main
 from flatcloth.session.header import read_header
 
@@ -19,12 +21,9 @@ def test_run_stops_at_what_is_certain_and_names_the_option(capsys, tmp_path):
 
 
 def test_a_mend_stays_with_its_session(capsys, tmp_path):
-    folder, out = tmp_path / "few", str(tmp_path / "out")
-    left = ",".join(str(n) for n in range(36) if n % 9)
-    assert main(["import", NAME, "--leave-out", left, "--out", str(folder)]) == 0
-    given = ["run", str(folder), "--out", out, "--sides", "one"]
-    assert main([*given, "--view-angles", "1=90.5"]) == 0
-    assert read_header(tmp_path / "out").recording.options["view_angles"] == [[1, 90.5]]
+    given = ["run", str(write_cylinder(tmp_path / "few")), "--out", str(tmp_path / "out"), "--sides", "one"]
+    assert main([*given, "--view-angles", "1=30.5"]) == 0
+    assert read_header(tmp_path / "out").recording.options["view_angles"] == [[1, 30.5]]
     assert main(given) == 0, "it is continued with the same mends"
     assert main([*given, "--reverse"]) == 2
     assert "belongs to another recording" in capsys.readouterr().err

@@ -87,13 +87,13 @@ def test_run_takes_a_hand_eye_transform(
     ("options", "cause"),
     [
         ([], "give one or more of --data, --html, --report, --figures, --animation, --grasps, --outline"),
-        (["--outline", "{tmp}/shape.pdf"], "written as .svg, .dxf, .json, not as .pdf"),
+        (["--outline", "{tmp}/shape.pdf"], "shape.pdf: the outline is written as .svg, .dxf, .json. Choose"),
         (["--data", "{tmp}/file"], "Choose another folder"),
         (["--outline", "{tmp}/file/shape.svg"], "cannot be written"),
         (["--html", "{tmp}/file/page.html"], "cannot be written"),
         (["--report", "{tmp}/file/report.html"], "cannot be written"),
         (["--figures", "{tmp}/file"], "cannot be written"),
-        (["--animation", "{tmp}/growth.gif"], "written as MP4; choose a name that ends in .mp4"),
+        (["--animation", "{tmp}/growth.gif"], "growth.gif: the animation is written as .mp4. Choose"),
         (["--grasps", "{tmp}/g.json", "--hand-eye", "{tmp}/none.json"], "none.json: cannot be read"),
         (["--html", "{tmp}/page.html", "--recording", "{tmp}/none"], "no such file or folder"),
     ],
@@ -112,8 +112,9 @@ def test_bad_input_is_one_line_and_exit_code_2(
 @pytest.mark.parametrize(
     ("options", "cause"),
     [
-        (["--report", "{tmp}/report.html"], "Figures need matplotlib"),
-        (["--animation", "{tmp}/growth.mp4"], "Figures need matplotlib"),
+        (["--report", "{tmp}/report.html"], "matplotlib is not installed; pip install 'flatcloth[export]'"),
+        (["--animation", "{tmp}/growth.mp4"], "matplotlib is not installed"),
+        (["--mcap", "{tmp}/growth.mcap"], "foxglove-sdk is not installed; pip install 'flatcloth[foxglove]'"),
         (["--outline", "{tmp}/shape.pdf"], "written as .svg"),
         (["--grasps", "{tmp}/pipe"], "a pipe or device, not a file"),
         (["--figures", "{tmp}/file"], "cannot be written"),
@@ -129,8 +130,9 @@ def test_what_cannot_be_made_is_told_before_anything_is_made(
 ) -> None:
     (tmp_path / "file").write_text("")
     os.mkfifo(tmp_path / "pipe")
-    if "matplotlib" in cause:
-        monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for module in ("matplotlib", "foxglove"):
+        if module in cause:
+            monkeypatch.setitem(sys.modules, module, None)
     page = tmp_path / "page.html"
     others = [option.format(tmp=tmp_path) for option in options]
     assert main(["export", str(session), "--html", str(page), *others]) == 2

@@ -15,7 +15,6 @@ from pycocotools.coco import COCO
 
 from flatcloth.core.geometry import Rigid3, camera_from_object
 from flatcloth.core.types import FlattenedView
-from flatcloth.export.formats import moments as moments_module
 from flatcloth.export.formats.coco import HIDDEN, VISIBLE, write_coco
 from flatcloth.export.formats.mcap import write_mcap
 from flatcloth.export.formats.rerun import write_rrd
@@ -100,11 +99,6 @@ def test_rerun_s_library_reads_the_cloud_the_views_and_the_angles(
 
 def decoded_png(data: bytes) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-
-
-def test_a_library_that_is_not_installed_is_told_with_its_extra() -> None:
-    with pytest.raises(Exception, match=r"no-such is not installed; pip install 'flatcloth\[extra\]'"):
-        moments_module.check_library("no_such_module", "no-such", "extra")
 
 
 # pycocotools speaks to numpy as before version 2.

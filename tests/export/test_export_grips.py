@@ -50,7 +50,7 @@ def test_a_disk_that_fails_leaves_the_grip_as_it_was(tmp_path: Path) -> None:
     book = GripStore(tmp_path)
     book.set(1, SIDEWAYS)
     (tmp_path / ".grips.json.partial").mkdir()  # where the draft would be written
-    with pytest.raises(FlatclothError, match=r"grips\.json: cannot be written .*is unchanged"):
+    with pytest.raises(FlatclothError, match=r"grips\.json: cannot be written"):
         book.set(1, Grip())
     assert book.get(1) == SIDEWAYS
     assert read_grips(tmp_path) == {1: SIDEWAYS}
@@ -73,7 +73,7 @@ def test_a_disk_that_fails_leaves_the_grip_as_it_was(tmp_path: Path) -> None:
 )
 def test_a_damaged_file_is_one_clear_line(tmp_path: Path, text: str) -> None:
     (tmp_path / "grips.json").write_text(text)
-    with pytest.raises(FlatclothError, match=r"grips\.json: is damaged .*Delete it") as caught:
+    with pytest.raises(FlatclothError, match=r"grips\.json: damaged .*Delete it") as caught:
         GripStore(tmp_path)
     assert "\n" not in str(caught.value)
 

@@ -177,7 +177,7 @@ def test_a_folder_that_is_no_session_is_one_clear_line(tmp_path: Path) -> None:
 def test_damaged_grips_are_told(place: Path) -> None:
     opened(place).close()
     (place / "grips.json").write_text("{}")
-    with pytest.raises(FlatclothError, match=r"grips\.json: is damaged"):
+    with pytest.raises(FlatclothError, match=r"grips\.json: damaged"):
         read_history(place)
 
 

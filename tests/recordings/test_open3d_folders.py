@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import struct
 import time
@@ -13,8 +12,6 @@ import cv2
 import numpy as np
 import pytest
 from foreign_folders import HEIGHT, WIDTH, depth_m, read, refused, rgb, write, write_exr, write_open3d
-
-from flatcloth.recordings.files import exr
 
 
 @pytest.mark.parametrize(
@@ -194,13 +191,3 @@ def test_an_exr_that_announces_more_than_an_image_is_never_decoded(tmp_path: Pat
     # The reader of the refused file reads the next one.
     write_exr(file, {"Z": depth_m(0).astype(np.float32), "M": plane})
     assert read(folder)[0].depth_m.shape == (HEIGHT, WIDTH)
-
-
-def test_exr_files_are_read_in_another_process(tmp_path: Path) -> None:
-    folder = write_open3d(tmp_path / "scan", 1, suffix=".exr", dtype=np.float32)
-    assert read(folder)[0].depth_m.any()
-    child = exr._worker._worker
-    assert child._process.pid != os.getpid()
-    child.close()  # as if it had crashed
-    refused(folder, r"00000\.exr: .*Copy or export")
-    assert read(folder)[0].depth_m.any()

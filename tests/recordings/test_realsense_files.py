@@ -86,11 +86,8 @@ def test_a_camera_that_is_no_stereo_camera_is_not_biased(tmp_path: Path) -> None
     assert abs(np.median(depth_error_mm(open_realsense(file), 0, 0.0))) < 0.3
 
 
-def test_a_step_may_be_negative(files: Path) -> None:
+def test_steps_may_be_negative_and_what_comes_after_a_whole_turn_is_left_out(files: Path) -> None:
     assert open_realsense(files / "stops.db3", TurnOptions(step_deg=-10)).angles_deg == (0.0, -10.0, -20.0)
-
-
-def test_stops_after_a_whole_turn_repeat_and_are_left_out(files: Path) -> None:
     read = open_realsense(files / "stops.db3", TurnOptions(step_deg=180))
     assert read.angles_deg == (0.0, 180.0)
     assert "1 that repeat an angle are left out" in read.description

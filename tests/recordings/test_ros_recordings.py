@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -17,21 +18,29 @@ from fuzzing.mutations import Mutation, mcap_bomb, packed_bomb
 from ros_bags import COLOR, DEPTH, START_S, Compressed, Image, Info, K, Message, views, write
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings import open_recording
+from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.film.angles import GivenAngles
 from flatcloth.recordings.ros.recording import open_ros
 
 INFO = "/camera/color/camera_info"
 
 
-def read(path: Path, **options: Any) -> Any:
-    recording = open_recording(path, **(options or {"step_deg": 10.0}))
+def here(path: Path, step_deg: float | None = 10.0, table: Path | None = None) -> Recording:
+    """Open a recording in this process, a second faster than in one of its own."""
+    return open_ros(path, GivenAngles(step_deg=step_deg, table=table))
+
+
+Opener = Callable[..., Recording]
+
+
+def read(path: Path, opened: Opener = here, **options: Any) -> Any:
+    recording = opened(path, **options)
     return [recording[n] for n in range(len(recording))]
 
 
-def refused(path: Path, cause: str, **options: Any) -> None:
+def refused(path: Path, cause: str, opened: Opener = here, **options: Any) -> None:
     with pytest.raises(RecordingError, match=cause) as caught:
-        read(path, **options)
+        read(path, opened, **options)
     message = str(caught.value)
     assert message.startswith(str(path))
     assert "\n" not in message
@@ -100,7 +109,7 @@ def test_rectified_images_are_taken_as_they_are_with_the_matrix_p(tmp_path: Path
     p = (22.0, 0.0, 8.0, 0.0, 0.0, 22.0, 6.0, 0.0, 0.0, 0.0, 1.0, 0.0)
     info = Info(d=(-0.3, 0.05, 0.0, 0.0, 0.0), p=p)
     messages = [replace(m, topic=m.topic.replace("image_raw", "image_rect")) for m in views(1, info=info)]
-    recording = open_recording(write(tmp_path / "take.mcap", messages), step_deg=10)
+    recording = here(write(tmp_path / "take.mcap", messages))
     assert (recording.intrinsics.fx, recording.intrinsics.cx) == (22.0, 8.0)
     np.testing.assert_array_equal(recording[0].color, rgb(0))
 
@@ -149,17 +158,17 @@ def test_a_table_names_views_by_time(tmp_path: Path) -> None:
     path = write(tmp_path / "take.bag", views(5))
     table = tmp_path / "angles.csv"
     table.write_text(f"time_s,angle_deg\n{START_S + 1.02:.2f},5\n{START_S + 3:.2f},35\n")
-    recording = open_recording(path, angles=table)
+    recording = here(path, None, table)
     assert recording.angles_deg == (0.0, 30.0)
     assert [int(recording[n].color[5, 5, 2]) for n in range(2)] == [10, 30]
     table.write_text("time_s,angle_deg\n0,5\n2,35\n")  # since the first image
-    assert [int(open_recording(path, angles=table)[n].color[5, 5, 2]) for n in range(2)] == [0, 20]
+    assert [int(here(path, None, table)[n].color[5, 5, 2]) for n in range(2)] == [0, 20]
 
 
 def test_a_film_is_not_taken_for_one_view_a_frame(tmp_path: Path) -> None:
     path = write(tmp_path / "take.bag", views(40))
     refused(path, "the item never stands still", step_deg=10)
-    assert len(open_recording(path, step_deg=9)) == 40
+    assert len(here(path, 9)) == 40
 
 
 def test_without_angles_the_remedy_is_told(tmp_path: Path) -> None:
@@ -206,25 +215,7 @@ def test_truncated_files_are_one_line(tmp_path: Path, name: str) -> None:
     data = path.read_bytes()
     for damaged in (data[:30], data[: len(data) // 2]):
         path.write_bytes(damaged)
-        refused(path, "ROS recording|cannot be read|damaged|cut off")
-
-
-@pytest.mark.parametrize("name", ["take.bag", "take.mcap", "take.db3"])
-def test_damaged_files_never_end_in_a_traceback(tmp_path: Path, name: str) -> None:
-    path = write(tmp_path / name, views())
-    data = path.read_bytes()
-    rng = np.random.default_rng(5)
-    told = 0
-    for _ in range(8):  # `make fuzz` has many more
-        broken = bytearray(data)
-        at = int(rng.integers(16, len(data) - 64))
-        broken[at : at + 64] = rng.bytes(64)
-        path.write_bytes(broken)
-        try:
-            read(path)
-        except RecordingError:
-            told += 1
-    assert told
+        refused(path, "ROS recording|cannot be read|damaged|cut off", open_recording, step_deg=10)
 
 
 @pytest.mark.parametrize(
@@ -241,7 +232,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_one_line(
     path = write(tmp_path / name, [*views(), Message("/other", START_S + 3, filling)], packed=True)
     assert len(read(path)) == 3
     bomb(path, random.Random(1))
-    refused(path, cause)
+    refused(path, cause, open_recording, step_deg=10)
 
 
 def test_without_the_library_its_installation_is_told(

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from full_disks import full
-from journal_script import SCRIPT, after, idle, opened, played_in, states
+from journal_script import SCRIPT, after, opened, played_in, states
 
 from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBoundsError
 from flatcloth.core.plain_files import open_own, replace_file
@@ -249,33 +249,12 @@ def test_an_axis_that_no_turntable_has_is_not_kept(tmp_path: Path, bad: float) -
     assert list(tmp_path.iterdir()) == []
 
 
-def absurd_journal(place: Path) -> bytes:
-    """A journal as a version without bounds wrote it: the sixth line moves a view out of this world."""
+def test_a_journal_with_an_absurd_number_is_refused_by_its_line(place: Path) -> None:
     played_in(place, SCRIPT[:5]).close()
-    written = (place / "journal.jsonl").read_bytes()
-    lines, link = [], int(json.loads(written.splitlines()[-1])["crc"], 16)
-    for number, entry in enumerate((Nudge(1, Rigid2(0.0, 1e9, 0.0)), Nudge(1, Rigid2(0.0, 1e308, 0.0))), 6):
-        line, link = encode(number, entry, link)
-        lines.append(line)
-    with (place / "journal.jsonl").open("ab") as file:
-        file.writelines(lines)
-    return (place / "journal.jsonl").read_bytes()
-
-
-def test_a_journal_with_an_absurd_number_opens_at_the_decision_before_it_and_says_so(place: Path) -> None:
-    data = absurd_journal(place)
-    history = read_history(place)  # reading changes nothing
-    assert history.document == states()[5].document
-    assert (place / "journal.jsonl").read_bytes() == data
-    folder = opened(place)
-    assert folder.state == idle(states()[5])
-    (notice,) = folder.take_notices()
-    assert "line 6 cannot be applied" in notice
-    assert "journal.jsonl.set-aside" in notice
-    assert (place / "journal.jsonl.set-aside").read_bytes() == data
-    folder.record(SCRIPT[5])
-    folder.close()
-    again = opened(place)
-    assert again.state == states()[6]
-    assert again.take_notices() == ()
-    again.close()
+    journal = place / "journal.jsonl"
+    link = int(json.loads(journal.read_bytes().splitlines()[-1])["crc"], 16)
+    with journal.open("ab") as file:
+        file.write(encode(6, Nudge(1, Rigid2(0.0, 1e9, 0.0)), link)[0])
+    for read in (opened, read_history):
+        with pytest.raises(JournalError, match=r"line 6 is damaged .View 1 would lie 1e"):
+            read(place)

@@ -44,7 +44,7 @@ def prefixes(data: bytes) -> dict[int, tuple[SessionState, tuple[int, ...]]]:
     place = Path("trusted")
     lines = data.split(b"\n")[:-1]
     header_link = _links[data[:40]]
-    replay = Replay(SessionState(len(RECORDING)), link=header_link, sealed=True)
+    replay = Replay(SessionState(len(RECORDING)), link=header_link)
     found: dict[int, tuple[SessionState, tuple[int, ...]]] = {0: (replay.state, ())}
     for line, after in read_journal(place, b"".join(text + b"\n" for text in lines), replay):
         found[line.number] = (after.state, tuple(after.picks))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.util import find_spec
 
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, camera_from_object
 from flatcloth.core.types import Bool, Float32, RgbdFrame, Uint8
 from flatcloth.export.garment import garment_points
@@ -65,9 +63,3 @@ def moments(session: OpenedSession) -> Iterator[Moment]:
 def points_of(session: OpenedSession) -> list[Pick]:
     """Return the picks of a session, and the named points that were seen."""
     return [*session.history.picks, *garment_points(session.garment)]
-
-
-def check_library(module: str, package: str, extra: str) -> None:
-    """Raise a ``FlatclothError`` if a library is not installed, without loading it."""
-    if find_spec(module) is None:
-        raise FlatclothError(f"{package} is not installed; pip install 'flatcloth[{extra}]'.")

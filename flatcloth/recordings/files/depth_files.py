@@ -138,11 +138,9 @@ def _tiff_header(file: BinaryIO, order: str) -> ImageHeader | None:
             raw = file.read(width * many)
         tags[tag] = struct.unpack(f"{order}{many}{letter}", raw[: width * many])
     starts, lengths = (tags.get(a) or tags.get(b, ()) for a, b in ((273, 324), (279, 325)))
-    if not starts or any(a + b > size for a, b in zip(starts, lengths, strict=True)):
-        return None
     bits, channels = tags.get(258, (1,))[0], tags.get(277, (1,))[0]
     form = {1: "u", 2: "i", 3: "f"}.get(tags.get(339, (1,))[0])
-    if form is None:
+    if form is None or not starts or any(a + b > size for a, b in zip(starts, lengths, strict=True)):
         return None
     return ImageHeader(
         kind="tiff", width=tags.get(256, (0,))[0], height=tags.get(257, (0,))[0], channels=channels,

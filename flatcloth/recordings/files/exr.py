@@ -1,8 +1,7 @@
-"""OpenEXR files, read in a worker process: a small file may announce any number of channels and pixels."""
+"""OpenEXR files. The header is read first: a small file may announce any number of channels and pixels."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,46 +9,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.subprocess_worker import Message, serve
-from flatcloth.core.types import Progress
 from flatcloth.recordings.files.images import ImageHeader
-from flatcloth.recordings.files.libraries import KeptWorker
+from flatcloth.recordings.files.libraries import damage_told
 
 MAX_CHANNELS = 32
 """Renderers write color, depth, normals and a few masks."""
 MAX_PIXELS = 2**24
 """Largest number of decoded values of all channels: that of the largest supported camera."""
 
-_worker = KeptWorker(__name__, "OpenEXR", "OpenEXR")
-
 
 def read_exr_header(path: Path) -> ImageHeader:
     """Read the size and the number of channels; a file with one channel of depth counts as of one channel."""
-    return ImageHeader(kind="exr", bits=32, **_worker.ask({"pixels": False}, path).table)
+    import OpenEXR
+
+    with damage_told(path), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+        return _header(str(path), file)[1]
 
 
 def read_exr_pixels(path: Path) -> NDArray[Any]:
-    """Decode the channel of depth (H, W); the header was read before."""
-    return _worker.ask({"pixels": True}, path).arrays["depth"]
-
-
-# --- the worker ------------------------------------------------------------------------------
-
-
-def _answer(question: Mapping[str, Any], _progress: Progress) -> Message:
+    """Decode the channel of depth (H, W), after its header."""
     import OpenEXR
 
-    path = question["path"]
-    with OpenEXR.File(path, separate_channels=True, header_only=True) as file:
-        name, about = _header(path, file)
-    if not question["pixels"]:
-        return Message(about)
-    with OpenEXR.File(path, separate_channels=True, header_only=False) as file:
-        return Message({}, {"depth": np.array(file.channels()[name].pixels)})
+    with damage_told(path):
+        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+            name, _ = _header(str(path), file)
+        with OpenEXR.File(str(path), separate_channels=True, header_only=False) as file:
+            return np.array(file.channels()[name].pixels)
 
 
-def _header(path: str, file: Any) -> tuple[str | None, dict[str, int]]:
-    """Return the channel of depth, and the fields of the header."""
+def _header(path: str, file: Any) -> tuple[str | None, ImageHeader]:
+    """Return the channel of depth, and the header."""
     header = file.header()
     if len(file.parts) != 1 or "dataWindow" not in header:  # the library printed an error and continued
         raise RecordingError(f"{path}: truncated, damaged or not supported. Export it as 16-bit PNG.")
@@ -66,7 +55,8 @@ def _header(path: str, file: Any) -> tuple[str | None, dict[str, int]]:
             f" {MAX_PIXELS // 10**6} million values. Export the depth alone."
         )
     name = _depth_channel(names)
-    return name, {"width": width, "height": height, "channels": len(names) if name is None else 1}
+    channels = len(names) if name is None else 1
+    return name, ImageHeader(kind="exr", width=width, height=height, channels=channels, bits=32)
 
 
 def _depth_channel(names: list[str]) -> str | None:
@@ -75,8 +65,3 @@ def _depth_channel(names: list[str]) -> str | None:
         return names[0]
     known = {name.lower().rsplit(".", 1)[-1]: name for name in reversed(names)}
     return next((known[wanted] for wanted in ("z", "depth", "y", "r") if wanted in known), None)
-
-
-def main() -> None:
-    """Answer the requests of this module until the input ends."""
-    serve(_answer, RecordingError)

@@ -168,15 +168,8 @@ def decode_color(path: Path) -> Uint8:
     import cv2
 
     # The pixels must stay in the camera's orientation: the orientation tag of a photograph is ignored.
-    bgr = _decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, np.uint8)
+    bgr = decode_raw(path, np.uint8, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-
-
-def decode_raw(path: Path, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) -> NDArray[Any]:
-    """Return the pixels (H, W), or (H, W, 3) in B G R order, of an image whose header was checked."""
-    import cv2
-
-    return _decode(path, cv2.IMREAD_UNCHANGED, dtype)
 
 
 def read_bytes(path: Path) -> bytes:
@@ -187,7 +180,10 @@ def read_bytes(path: Path) -> bytes:
         return read_plain(path, MAX_FILE_BYTES)
 
 
-def _decode(path: Path, flags: int, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) -> NDArray[Any]:
+def decode_raw(
+    path: Path, dtype: np.dtype[Any] | type[np.uint8 | np.uint16], flags: int = -1
+) -> NDArray[Any]:
+    """Return the pixels, as OpenCV's flags say (-1: unchanged), of an image whose header was checked."""
     data = read_bytes(path)
     # OpenCV returns a truncated image with its missing pixels set to zero or gray, without an error.
     if not is_whole(data):

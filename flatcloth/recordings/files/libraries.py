@@ -1,18 +1,18 @@
-"""Libraries that are loaded on first use, or run in a worker process because files may harm them."""
+"""Libraries that are loaded on first use, and what they say of damaged files."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
 import importlib
-import importlib.util
+import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.subprocess_worker import Message, Worker, WorkerLostError, reader_errors_as
+from flatcloth.recordings.files.text import shortened
 
 
 def load_with_libusb(name: str) -> Any:
@@ -55,40 +55,27 @@ def load_realsense() -> Any:
         ) from error
 
 
-class KeptWorker:
-    """A worker process that reads image files, started for the first one and kept for the next ones.
+_silencing = threading.RLock()
+"""Two threads would keep each other's silence for the standard error."""
 
-    Parameters
-    ----------
-    module : str
-        The module whose ``main`` it runs.
-    library : str
-        The library that it needs.
-    packages : str
-        What pip installs it as.
+
+@contextlib.contextmanager
+def damage_told(path: Path) -> Iterator[None]:
+    """Raise what a library raises on a damaged file as ``RecordingError``; what it prints is lost.
+
+    Nothing else is on standard error then, also of other threads.
     """
-
-    def __init__(self, module: str, library: str, packages: str) -> None:
-        self._module, self._library, self._packages = module, library, packages
-        self._lock = threading.Lock()
-        self._worker: Worker | None = None
-
-    def ask(self, question: Mapping[str, Any], path: Path) -> Message:
-        """Return the answer to a question about a file."""
+    with _silencing:
+        kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
         try:
-            known = importlib.util.find_spec(self._library) is not None
-        except ValueError:
-            known = False
-        if not known:
-            raise RecordingError(
-                f"{path}: the library {self._library}, which reads it, is missing. "
-                f"Run: pip install {self._packages}"
-            )
-        remedy = "Copy or export the image again."
-        with self._lock, reader_errors_as(RecordingError, path, "truncated or damaged", remedy):
-            self._worker = self._worker or Worker(self._module, path)
-            try:
-                return self._worker.ask({"path": str(path), **question})
-            except WorkerLostError:
-                self._worker = None
-                raise
+            os.dup2(nowhere, 2)
+            yield
+        except (RecordingError, MemoryError):
+            raise
+        except Exception as error:  # a library may raise anything
+            cause = f"truncated or damaged ({shortened(' '.join(str(error).split()), 120)})"
+            raise RecordingError(f"{path}: {cause}. Copy or export the image again.") from error
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            os.close(nowhere)

@@ -1,27 +1,24 @@
 """Organised point clouds in PCD files: a 3D point, and usually a color, for each pixel of a depth image.
 
-Open3D reads them in a worker process. It keeps the order of the points, but drops their rows and columns, and
-takes text that is cut off for whole: the header is therefore read here, and compared with the file.
+Open3D reads them. It keeps the order of the points, but drops their rows and columns, and takes text that is
+cut off for whole: the header is therefore read here, and compared with the file.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_plain
-from flatcloth.core.subprocess_worker import Message, serve
-from flatcloth.core.types import Float32, Intrinsics, Progress, Uint8
+from flatcloth.core.types import Float32, Intrinsics, Uint8
 from flatcloth.recordings.files.camera import MOST_PIXELS, Lens, checked_intrinsics, checked_lens
 from flatcloth.recordings.files.images import ImageHeader, read_bytes
-from flatcloth.recordings.files.libraries import KeptWorker, load_with_libusb
+from flatcloth.recordings.files.libraries import damage_told, load_with_libusb
 from flatcloth.recordings.files.text import failing
 
 START = b"# .PCD"
@@ -32,7 +29,6 @@ _MOST_RESIDUAL_PX = 0.5
 """Residual of a true camera is much smaller; rounding to millimetres gives 0.3 px at 0.5 m."""
 _FITTED = 4000
 """Points from which the camera's intrinsics are fitted. Chosen: exact points need fewer."""
-_worker = KeptWorker(__name__, "open3d", "'flatcloth[synthesis]'")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,27 +86,22 @@ def read_pcd_header(path: Path) -> ImageHeader:
 def read_pcd(path: Path) -> OrganisedCloud:
     """Read an organised cloud: ascii, binary or binary_compressed."""
     header = read_pcd_header(path)
-    found = _worker.ask({}, path).arrays
+    try:
+        open3d = load_with_libusb("open3d")
+    except (ImportError, OSError) as error:
+        raise RecordingError(
+            f"{path}: the library open3d, which reads it, is missing ({error}). "
+            "Run: pip install 'flatcloth[synthesis]'"
+        ) from error
+    with damage_told(path):
+        # Its readers of tensors write past their memory where a field has several values.
+        cloud = open3d.io.read_point_cloud(str(path), format="pcd", remove_nan_points=False)
+        xyz = np.asarray(cloud.points, dtype=np.float32)
+        rgb = np.rint(255 * np.asarray(cloud.colors)).astype(np.uint8)
     size = (header.height, header.width, 3)
-    if found["xyz_m"].size != np.prod(size):
+    if xyz.size != np.prod(size):
         raise RecordingError(f"{path}: truncated or damaged. Copy or export the cloud again.")
-    rgb = found["rgb"].reshape(size) if found["rgb"].size else None
-    return OrganisedCloud(xyz_m=found["xyz_m"].reshape(size), rgb=rgb)
-
-
-def _answer(question: Mapping[str, Any], _progress: Progress) -> Message:
-    import open3d
-
-    # Its readers of tensors write past their memory where a field has several values.
-    cloud = open3d.io.read_point_cloud(question["path"], format="pcd", remove_nan_points=False)
-    rgb = np.rint(255 * np.asarray(cloud.colors)).astype(np.uint8)
-    return Message({}, {"xyz_m": np.asarray(cloud.points, dtype=np.float32), "rgb": rgb})
-
-
-def main() -> None:
-    """Answer the requests of this module until the input ends."""
-    load_with_libusb("open3d")
-    serve(_answer, RecordingError)
+    return OrganisedCloud(xyz_m=xyz.reshape(size), rgb=rgb.reshape(size) if rgb.size else None)
 
 
 def camera_of(cloud: OrganisedCloud, path: Path) -> tuple[Intrinsics, Lens]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
+import weakref
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -47,7 +48,7 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self._file = open_plain(path)
-        self.close = self._file.close
+        self.close = weakref.finalize(self, self._file.close)
         self.is_cut = False
         self._places: list[tuple[int, int, int]] = []
         """Of each message: its channel, its time (ns), and where it or its chunk begins."""

@@ -1,0 +1,425 @@
+"""The options of commands, declared once as fields of dataclasses: their types say what is read.
+
+A field of type ``bool`` is a flag, ``Literal`` a choice, a tuple several values; with the default
+``MISSING`` it is required. A command's ``Options`` inherit what it has in common with
+others, the last base first.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import types
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from flatcloth.methods.registry import method_names
+
+if TYPE_CHECKING:
+    from flatcloth.active.goal import Budget, Goal
+    from flatcloth.batch.runner import Limits
+    from flatcloth.core.geometry import Rigid3
+    from flatcloth.core.strokes import Decision
+    from flatcloth.recordings import SourceOptions
+    from flatcloth.synthesis.cell import Cell
+
+T = TypeVar("T")
+
+
+def option(text: str, form: str = "", default: Any = None, **more: Any) -> Any:
+    """Return the field of an option.
+
+    Parameters
+    ----------
+    text : str
+        Its help; what its default is, is added.
+    form : str
+        What stands for its value there; words for several values.
+    default : object
+        Its value if it is not given; ``MISSING``: it is required.
+    more
+        ``group``, the title of its group, and words about that after a colon; ``either``, the name of those
+        of which one may be given; ``names`` in place of its field's; ``positional``; ``const``, its value if
+        it is given without one; ``read``, which reads its text; ``choices`` that its type does not have.
+    """
+    return dataclasses.field(default=default, metadata={"text": text, "form": form, **more})
+
+
+def add_options(parser: argparse.ArgumentParser, kind: type[Any]) -> None:
+    """Declare the options of a command."""
+    hints, into = get_type_hints(kind), dict[str, Any]()
+    for field in sorted(dataclasses.fields(kind), key=lambda one: one.name in _LAST):
+        about = field.metadata
+        place: Any = parser
+        if group := about.get("group"):
+            place = into.setdefault(group, None) or parser.add_argument_group(*group.split(": ", 1))
+            into[group] = place
+        if either := about.get("either"):
+            place = into.setdefault(either, None) or place.add_mutually_exclusive_group()
+            into[either] = place
+        names = about.get("names") or (f"--{field.name.replace('_', '-')}",)
+        place.add_argument(*(() if about.get("positional") else names), **_argument(field, hints[field.name]))
+
+
+_LAST = ("quiet", "verbose", "log_file", "json")
+"""What all commands have stands at the end of their help."""
+
+
+def _argument(field: dataclasses.Field[Any], hint: Any) -> dict[str, Any]:
+    """Return what argparse is told of a field."""
+    about, default = field.metadata, None if field.default is MISSING else field.default
+    told: dict[str, Any] = {"dest": field.name, "default": default, "help": about["text"]}
+    if default is not None and default is not False and default != "":
+        words = default if isinstance(default, tuple) else (default,)
+        shown = " ".join(f"{word:g}" if isinstance(word, float) else str(word) for word in words)
+        told["help"] += f" (default: {shown})"
+    is_union = get_origin(hint) in (types.UnionType, Union)
+    inner = get_args(hint)[0] if is_union else hint
+    if inner is bool and "const" not in about:
+        return {**told, "default": False, "action": "store_true"}
+    form = tuple(about["form"].split())
+    if get_origin(inner) is Literal:
+        told["choices"] = get_args(inner)
+    elif get_origin(inner) is tuple and "read" not in about:
+        told |= {"nargs": "+" if ... in get_args(inner) else len(form), "type": get_args(inner)[0]}
+    elif inner not in (str, bool):
+        told["type"] = inner
+    told |= {"type": about["read"]} if "read" in about else {}
+    told |= {"choices": about["choices"]} if "choices" in about else {}
+    told |= {"nargs": "?", "const": about["const"]} if "const" in about else {}
+    told |= {"metavar": form if isinstance(told.get("nargs"), int) else form[0]} if form else {}
+    if not about.get("positional"):
+        return {**told, "required": field.default is MISSING}
+    return told if field.default is MISSING else {"nargs": "?", **told}
+
+
+def options_of(kind: type[T], parsed: argparse.Namespace) -> T:
+    """Return the options of a command line that was parsed."""
+    names = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    given = {name: getattr(parsed, name) for name in names}
+    return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in given.items()})
+
+
+def whole(least: int, most: int, cause: str) -> Callable[[str], int]:
+    """Return what reads a whole number of the command line within limits; else it says the ``cause``."""
+    read = number(lambda value: value.is_integer() and least <= value <= most, cause)
+    return lambda text: int(read(text))
+
+
+def number(fits: Callable[[float], bool], cause: str) -> Callable[[str], float]:
+    """Return what reads a number of the command line that ``fits``; else it says the ``cause``."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not fits(value):
+            raise argparse.ArgumentTypeError(f"{text!r} {cause}")
+        return value
+
+    return read
+
+
+# --- what commands have in common ----------------------------------------------------------------
+
+
+@dataclass(kw_only=True)
+class Output:
+    """What all commands have."""
+
+    quiet: bool = option("say nothing but errors", names=("-q", "--quiet"), group="output", either="much")
+    verbose: bool = option(
+        "say details, such as each view left out", names=("-v", "--verbose"), either="much"
+    )
+    log_file: Path | None = option("append what is said to FILE, with times", "FILE", group="output")
+    json: bool | str = option("print the result as one JSON document, in place of words", group="output")
+
+
+@dataclass(kw_only=True)
+class Method:
+    """How views are integrated."""
+
+    method: str = option("method of integrating the views", default=method_names()[0], choices=method_names())
+
+
+@dataclass(kw_only=True)
+class Sides:
+    """Which sides are integrated."""
+
+    sides: Literal["both", "one"] = option(
+        "integrate the other side too and join it along the seams, or the side of interest only; the method "
+        "paper has one",
+        default="both",
+    )
+
+
+_MENDS = "mends: read a recording as if a mistake in it had not been made (docs/checking.md)"
+
+
+@dataclass(kw_only=True)
+class Mending:
+    """What is read otherwise than recorded."""
+
+    reverse: bool = option("the item turns the other way than the angles say", group=_MENDS)
+    estimate_axis: bool = option("do not use the recorded axis and held point; estimate them", group=_MENDS)
+    mirror: bool = option("flip the images left to right", group=_MENDS)
+    invert_masks: bool = option("invert the masks", group=_MENDS)
+    without_masks: bool = option("do not use the masks", group=_MENDS)
+    angle_factor: str | None = option("multiply all angles by this factor", "FACTOR", group=_MENDS)
+    depth_factor: str | None = option("multiply depth by this factor", "FACTOR", group=_MENDS)
+    focal_factor: str | None = option("multiply the focal length by this factor", "FACTOR", group=_MENDS)
+    color_scale: str | None = option(
+        "enlarge color about the middle of the image by a factor", "FACTOR", group=_MENDS
+    )
+    view_angles: str | None = option("angles of single views, as if recorded", "VIEW=DEG,...", group=_MENDS)
+    depth_views: str | None = option(
+        "views that have the depth of another: 0-34=1-35", "VIEW=VIEW,...", group=_MENDS
+    )
+    leave_out: str | None = option(
+        "views that are not read; later ones count on without them", "VIEW,...", group=_MENDS
+    )
+    rotate: Literal["90", "180", "270"] | None = option(
+        "turn the images clockwise by these degrees", group=_MENDS
+    )
+    color_shift: tuple[float, float] | None = option("move color by pixels", "RIGHT DOWN", group=_MENDS)
+    as_recorded: bool = option(
+        "mend nothing, and go on although the check finds that something is wrong", group=_MENDS
+    )
+
+
+_LACKING = "information that sources lack (docs/datasets.md)"
+
+
+@dataclass(kw_only=True)
+class SourceInformation(Mending):
+    """What the user knows of a source, and what is read otherwise than recorded."""
+
+    angles: Path | None = option(
+        "a table with a line per view, its angle in degrees, or columns file, view or time_s, and angle_deg; "
+        "for a RealSense file: seconds and degrees",
+        "CSV",
+        group=_LACKING,
+        either="angles",
+    )
+    step: float | None = option(
+        "instead: the rotation from view to view in degrees (RealSense files: 10); negative if the side that "
+        "faces the camera moves to the left",
+        "DEG",
+        either="angles",
+    )
+    turning: float | None = option(
+        "instead: the angle between the first and the last image of a turn (MultimodalClothes); negative as "
+        "with --step",
+        "DEG",
+        either="angles",
+    )
+    sweep: Literal["forth", "back"] | None = option(
+        "turn of a data set that is read (default: forth)", group=_LACKING
+    )
+    camera_file: Path | None = option(
+        "for sources without a camera: a file with its intrinsics, like intrinsic.json",
+        "FILE",
+        group=_LACKING,
+    )
+    fov: tuple[float, float] | None = option(
+        "instead, approximately: its field of view in degrees; with --camera-file, writes that file",
+        "H V",
+        group=_LACKING,
+    )
+    format: str | None = option(
+        "format of the source (default: found from its content)", "NAME", group=_LACKING
+    )
+
+    def source_options(self) -> SourceOptions:
+        """Return the options of the source; ``RecordingError`` names a mend that is invalid."""
+        from flatcloth.recordings import SourceOptions
+        from flatcloth.recordings.mending import MENDS, Mends, options_of
+
+        said = {name: value for name in MENDS if (value := getattr(self, name)) not in (None, False)}
+        return SourceOptions(
+            angles=self.angles,
+            step_deg=self.step,
+            camera_file=self.camera_file,
+            fov_deg=self.fov,
+            turning_deg=self.turning,
+            sweep=self.sweep,
+            format=self.format,
+            mends=options_of(Mends, said, "the command line") if said else None,
+            as_recorded=self.as_recorded or None,
+        )
+
+
+SOURCES = (
+    "recording folder, TUM RGB-D folder, folder with color/ and depth/, RealSense .db3 or .bag, ROS .mcap or "
+    ".bag, an area of MultimodalClothes, or the name of a bundled recording"
+)
+
+
+@dataclass(kw_only=True)
+class Source(SourceInformation):
+    """A source, and what the user knows of it."""
+
+    source: str = option(SOURCES, "SOURCE", MISSING, positional=True)
+
+
+JOBS = whole(1, 1024, "is not a number of recordings; give 1 to 1024")
+_POSITIVE = number(lambda value: 0 < value < 1e6, "is not a positive number")
+
+
+@dataclass(kw_only=True)
+class Engine:
+    """What many recordings run on, and within which limits."""
+
+    jobs: int | None = option(
+        "recordings at the same time, on this machine (default: all cores)",
+        "N",
+        either="engine",
+        read=JOBS,
+    )
+    scheduler: str | None = option(
+        "instead: on the workers of a Dask scheduler, tls://host:8786", "ADDRESS", either="engine"
+    )
+    no_tls: bool = option(
+        "use a scheduler that asks for no certificate: whoever reaches it can run code as you"
+    )
+    memory: float = option(
+        "memory that a recording may take beyond the libraries",
+        "GB",
+        2.0,
+        read=_POSITIVE,
+    )
+    time_limit: float = option(
+        "seconds that a recording may take",
+        "S",
+        1800.0,
+        read=_POSITIVE,
+    )
+
+    def limits(self) -> Limits:
+        """Return the limits of a task."""
+        from flatcloth.batch.runner import Limits
+
+        return Limits(memory_bytes=int(self.memory * 1e9), seconds=self.time_limit)
+
+
+@dataclass(kw_only=True)
+class HandEye:
+    """The robot's frame."""
+
+    hand_eye: Path | None = option(
+        "base_from_camera (docs/grasps.md): grasp poses in the robot's frame too", "FILE"
+    )
+
+    def base_from_camera(self) -> Rigid3 | None:
+        """Read the hand-eye transform if one is given."""
+        from flatcloth.grasping.hand_eye import read_hand_eye
+
+        return None if self.hand_eye is None else read_hand_eye(self.hand_eye)
+
+
+@dataclass(kw_only=True)
+class Strokes:
+    """What says which side is of interest."""
+
+    strokes: Path | None = option("strokes and cuts that say which side is of interest", "FILE")
+
+    def decisions(self) -> tuple[Decision, ...]:
+        """Read the file of ``--strokes``; without one, there are none."""
+        from flatcloth.core.strokes import decisions_from_plain
+        from flatcloth.recordings.files.text import load_table
+
+        return decisions_from_plain(load_table(self.strokes), str(self.strokes)) if self.strokes else ()
+
+
+_LOOP = "active loop"
+
+
+@dataclass(kw_only=True)
+class Aim:
+    """What an active loop is to find out."""
+
+    goal: str | None = option(
+        "shape, kind, or points:NAME,NAME, such as points:shoulder_left (default: shape)", "GOAL", group=_LOOP
+    )
+    within: float | None = option(
+        "standard deviation to which the points are to be known (default: 20)", "MM", group=_LOOP
+    )
+    budget: str = option("most views, or seconds as 90s", "N", "12", group=_LOOP)
+
+    def aim(self) -> tuple[Goal, Budget]:
+        """Return the goal and the budget."""
+        from flatcloth.active.goal import WITHIN_MM, parse_budget, parse_goal
+
+        within_mm = WITHIN_MM if self.within is None else self.within
+        return parse_goal(self.goal or "shape", within_mm), parse_budget(self.budget)
+
+
+_CELL = "simulated cell"
+
+
+@dataclass(kw_only=True)
+class SimulatedCell:
+    """A mesh that is turned before a simulated camera."""
+
+    cell: str | None = option(
+        "turn a mesh before a simulated camera (default: the bundled T-shirt)", "MESH", const="", group=_CELL
+    )
+    sensor: Literal["none", "d435", "stereo"] | None = option(
+        "noise of the simulated camera (default: d435)", group=_CELL
+    )
+    sway: float | None = option("standard deviation of the sway of the lowest point", "MM", group=_CELL)
+    panel: str | None = option("side of interest: front, back, 1 or 2 (default: seen most)", group=_CELL)
+    start: float | None = option("how the item is turned at 0 degrees", "DEG", group=_CELL)
+    seed: int | None = option("seed of the noise and the sway (default: 0)", group=_CELL)
+    no_masks: bool = option("find the side of interest from the views, as of a camera", group=_CELL)
+
+    def simulated(self, out: Path | None) -> Cell:
+        """Return the simulated cell."""
+        from flatcloth.core.resources import sample_mesh
+        from flatcloth.synthesis.cell import Cell
+        from flatcloth.synthesis.hanging import PoseErrors
+        from flatcloth.synthesis.recording import Request
+
+        request = Request(
+            mesh=Path(self.cell) if self.cell else sample_mesh(),
+            out=out or Path(),
+            panel=self.panel or "1",
+            noise=self.sensor or "d435",
+            loose=PoseErrors(swing_m=(self.sway or 0.0) / 1e3),
+            seed=self.seed or 0,
+            texture="floral",
+        )
+        return Cell(request, start_deg=self.start or 0.0, most_seen=self.panel is None)
+
+
+@dataclass(kw_only=True)
+class Address:
+    """Where a server listens."""
+
+    host: str = option("address to listen on; that of this machine only", default="127.0.0.1")
+    public_url: str | None = option(
+        "address at which a proxy offers this, as https://lab.example.org/cloth/ (docs/security.md)", "URL"
+    )
+
+
+_CAPTURE = "camera"
+
+
+@dataclass(kw_only=True)
+class Capture:
+    """What a guided capture has on the command line and on the page."""
+
+    frames: int | None = option("frames averaged for each view (default: 10)", "N", group=_CAPTURE)
+    align: Literal["depth", "color"] | None = option(
+        "the camera whose pixels are kept (default: depth)", group=_CAPTURE
+    )
+    resume: bool = option("continue the recording in the folder", group=_CAPTURE)
+
+
+def excluded(options: object, names: Sequence[str]) -> list[str]:
+    """Return which of some options are given."""
+    return [name for name in names if getattr(options, name) not in (None, False)]
