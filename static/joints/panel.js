@@ -49,8 +49,7 @@ export class JointsPanel extends PagePart {
   update(/** @type {State} */ state) {
     this.section.hidden = !this.shown || !state.layers || state.mode === "camera";
     if (this.section.hidden) return;
-    const revision = this.page.thisSide.layers?.revision;
-    if (this.fetched.want(revision ? `joints/${revision}.json` : null)) this.chosen = null;
+    if (this.fetched.want(addressOf(this.page.thisSide))) this.chosen = null;
     rebuild(this.section, [this.found, this.chosen, this.notice, state.drawing], () => this.build(state.drawing));
   }
 
@@ -215,6 +214,10 @@ export class JointsPanel extends PagePart {
     drawSeamInScene(context, style, joints[chosen].seam_xyz_m, place);
   }
 }
+
+/** Where the joints of the shape are; a garment that is recognised later may doubt others. */
+export const addressOf = (/** @type {State} */ { layers, garment }) =>
+  layers && `joints/${layers.revision}.json?garment=${garment?.revision ?? 0}`;
 
 /** Whether the outlines of a part hold a place: an odd number of their edges is crossed on the way out. */
 function holds(/** @type {JointInfo} */ { outline_uv_m }, /** @type {number} */ u, /** @type {number} */ v) {

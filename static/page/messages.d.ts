@@ -36,14 +36,6 @@ export interface DecidePiece {
   accepted: boolean;
 }
 
-/** Take a part off, or keep it: ``index`` in the list of doubted links at this ``revision``. */
-export interface DecideLink {
-  type: "decide_link";
-  revision: number;
-  index: number;
-  taken_off: boolean;
-}
-
 /** Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``. */
 export interface DecideJoint {
   type: "decide_joint";
@@ -228,25 +220,11 @@ export interface SetAuto {
   running: boolean;
 }
 
-/** Change settings of the page, see ``settings.SETTINGS``; ``reset`` first restores all defaults. */
+/** Change settings of the page, see ``settings.Settings``; ``reset`` first restores all defaults. */
 export interface Set {
   type: "set";
   reset?: boolean;
-  auto_threshold?: number | null;
-  auto_until?: "all" | "area" | "views" | null;
-  auto_least_cm2?: number | null;
-  auto_views?: number | null;
-  advance?: boolean | null;
-  follow?: boolean | null;
-  turn_to_pick?: boolean | null;
-  show_view?: boolean | null;
-  show_shape?: boolean | null;
-  show_new?: boolean | null;
-  show_all?: boolean | null;
-  show_axis?: boolean | null;
-  show_camera?: boolean | null;
-  step_mm?: number | null;
-  step_deg?: number | null;
+  values?: Record<string, boolean | number | string>;
 }
 
 /** Set the turning axis by hand, as the camera of view 0 sees it; without ``apply`` it is only drawn. */
@@ -333,7 +311,6 @@ export type ClientMessage =
   | PreviewPoint
   | ReleasePoints
   | DecidePiece
-  | DecideLink
   | DecideJoint
   | PickPoint
   | ShowOther
@@ -384,7 +361,8 @@ export interface PageState {
   pick: PickInfo | null;
   picks: ListedPick[];
   log: Note[];
-  settings: SettingsTable;
+  settings: Settings;
+  settings_rows: Setting[];
   present_view: number | null;
   angle_deg: number | null;
   views: ViewRow[];
@@ -552,54 +530,35 @@ export interface Note {
   time_s: number;
 }
 
-/** The settings of the page in the order of their dialog. */
-export interface SettingsTable {
-  advance: Switch;
-  auto_threshold: Slider;
-  auto_until: Choice;
-  auto_least_cm2: Slider;
-  auto_views: Slider;
-  step_mm: Slider;
-  step_deg: Slider;
-  follow: Switch;
-  turn_to_pick: Switch;
-  show_view: Switch;
-  show_shape: Switch;
-  show_new: Switch;
-  show_all: Switch;
-  show_axis: Switch;
-  show_camera: Switch;
+/** The operator's settings, in the order of their dialog. */
+export interface Settings {
+  advance: boolean;
+  auto_threshold: number;
+  auto_until: "all" | "area" | "views";
+  auto_least_cm2: number;
+  auto_views: number;
+  step_mm: number;
+  step_deg: number;
+  follow: boolean;
+  turn_to_pick: boolean;
+  show_view: boolean;
+  show_shape: boolean;
+  show_new: boolean;
+  show_all: boolean;
+  show_axis: boolean;
+  show_camera: boolean;
 }
 
-/** A setting that is on or off. */
-export interface Switch {
+/** What the dialog shows of a setting; ``options`` are values and words, numbers have a range. */
+export interface Setting {
   name: string;
   title: string;
   description: string;
-  value: boolean;
-  default: boolean;
-}
-
-/** A setting with a range. */
-export interface Slider {
-  name: string;
-  title: string;
-  description: string;
-  low: number;
-  high: number;
-  step: number;
-  value: number;
-  default: number;
-}
-
-/** A setting with one of some options: value and words. */
-export interface Choice {
-  name: string;
-  title: string;
-  description: string;
-  options: [string, string][];
-  value: string;
-  default: string;
+  default: boolean | number | string;
+  low: number | null;
+  high: number | null;
+  step: number | null;
+  options: Record<string, string>;
 }
 
 /** A view on the timeline: what was decided about it, and what it added to the shape. */
@@ -756,7 +715,6 @@ export interface FoundGarment {
   points: GarmentPointInfo[];
   upright_rad: number;
   pieces: GarmentPiece[];
-  links: DoubtedLinkInfo[];
 }
 
 /** A dimension of the garment and its standard deviation. */
@@ -783,13 +741,6 @@ export interface GarmentPiece {
   std_mm: number;
   sure: boolean;
   state: "placed" | "proposed" | "refused";
-  outline_uv_m: [number, number][][];
-}
-
-/** A link that no garment allows: how probable it is, and the outline of the part. */
-export interface DoubtedLinkInfo {
-  probability: number;
-  area_cm2: number;
   outline_uv_m: [number, number][][];
 }
 

@@ -4,6 +4,7 @@ import { PagePart } from "../page/page.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
 import { exportButton, showExports } from "../page/exports.js";
+import { addressOf } from "../joints/panel.js";
 import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
 import { doubtsOf, flagsOf } from "./timeline.js";
 
@@ -45,7 +46,7 @@ export class ResultPanel extends PagePart {
     this.section.hidden = !state.review || !layers || Boolean(state.pending) || !(ended || this.asked);
     if (this.section.hidden || !layers) return;
     if (this.loading !== layers.revision) this.load(layers.revision);
-    this.joints.want(`joints/${layers.revision}.json`);
+    this.joints.want(addressOf(this.page.thisSide));
     const found = this.found?.revision === layers.revision ? this.found : null;
     rebuild(
       this.section,

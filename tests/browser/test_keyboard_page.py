@@ -86,7 +86,7 @@ def test_settings_are_set_kept_and_reset(open_tab, program):
     keys.press("Tab")
     sheet.get_by_role("button", name="Reset Arrow key, mm").wait_for()
     sheet.get_by_role("checkbox", name="Continue after a verdict").check()
-    tab.until("flatcloth.state.settings.advance.value")
+    tab.until("flatcloth.state.settings.advance")
     assert '"step_mm": 7' in (program.session / "settings.json").read_text()
     sheet.get_by_text("Numbers of the method").click()
     sheet.get_by_text("z angle limit deg").first.wait_for()
@@ -101,7 +101,7 @@ def test_settings_are_set_kept_and_reset(open_tab, program):
 
     keys.press("Control+,")
     sheet.get_by_role("button", name="Reset all").click()
-    tab.until("flatcloth.state.settings.advance.value && flatcloth.state.settings.step_mm.value === 2")
+    tab.until("flatcloth.state.settings.advance && flatcloth.state.settings.step_mm === 2")
     sheet.get_by_label("Theme").select_option("Dark")
     assert tab.page.evaluate("document.documentElement.dataset.theme") == "dark"
     sheet.get_by_role("button", name="Reset Theme").click()

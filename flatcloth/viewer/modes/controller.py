@@ -15,7 +15,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from msgspec import structs
 from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
@@ -349,7 +348,8 @@ class PageController(ABC):
             pick=self._picks.current_info(picture),
             picks=self._picks.listed(picture),
             log=status.log,
-            settings=self._page_settings.table(),
+            settings=self._page_settings.now,
+            settings_rows=self._page_settings.rows,
             reject_reasons=REJECT_REASONS,
             **mode,
         )
@@ -382,10 +382,6 @@ class PageController(ABC):
             self._publish()
 
     def _set(self, message: messages.Set) -> None:
-        values = {k: v for k, v in structs.asdict(message).items() if k != "reset" and v is not None}
-        if message.reset:
-            self._page_settings.reset()
-        if values:
-            self._page_settings.change(**values)
+        self._page_settings.change(message.values, reset=message.reset)
         self._scene_view.arrange(self._page_settings.now)
         self._publish()

@@ -10,14 +10,13 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.deciding import link_decision, piece_decision
+from flatcloth.engine.garment.deciding import piece_decision
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, points_on_other_side
 from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
-from flatcloth.garments.deciding import decided, held_point, pixels_of_part, pulls_of, with_placed_cloth
+from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.kinds import known_kinds
-from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, is_offered, is_sure
 from flatcloth.methods.answers import Canonical
@@ -186,8 +185,6 @@ class GarmentController:
                 return DecidePiece(
                     piece_decision(known.canonical, self._piece(known, label), accepted=accepted)
                 )
-            case asked.DecideLink(revision=revision, index=index, taken_off=taken_off):
-                return link_decision(known, self._link(known, revision, index), taken_off=taken_off)
         raise FlatclothError("This is no decision about the garment.")
 
     def _preview(self, client: int, message: asked.PreviewPoint, document: Document) -> None:
@@ -238,18 +235,9 @@ class GarmentController:
             raise FlatclothError(self.status.text or NOT_YET)
         return self.status.known
 
-    def _link(self, known: KnownGarment, revision: int, index: int) -> DoubtedLink:
-        self._not_while_working()
-        if revision != self.status.revision or index >= len(known.links):
-            raise FlatclothError("This link is not doubted any more; look again.")
-        return known.links[index]
-
-    def _not_while_working(self) -> None:
+    def _piece(self, known: KnownGarment, label: str) -> Placed:
         if self.status.working:
             raise FlatclothError("The shape has changed, and its garment is being recognised; look again.")
-
-    def _piece(self, known: KnownGarment, label: str) -> Placed:
-        self._not_while_working()
         labels = _labels(known.canonical)
         piece = next((each for each in _shown(known) if labels[each.index] == label), None)
         if piece is None:
@@ -282,7 +270,6 @@ def _found_garment(known: KnownGarment) -> FoundGarment:
     values = {
         **summary(known),
         "pieces": _pieces(known) if found.kind != NONE else [],
-        "links": _links(known),
     }
     return typed(values, FoundGarment)
 
@@ -310,17 +297,6 @@ def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
         }
         for piece in _shown(known)
     ]
-
-
-def _links(known: KnownGarment) -> list[dict[str, Any]]:
-    """Return the links that no garment allows: their probability, and the outline of the part."""
-    view, cloth, found = known.canonical.view, known.cloth, []
-    for link in known.links:
-        assert cloth is not None, "links are doubted on known cloth"
-        outline = outline_of(replace(view, valid=pixels_of_part(view, cloth, link.part)))
-        area_cm2 = 1e4 * link.area_m2
-        found.append({"probability": link.probability, "area_cm2": area_cm2, "outline_uv_m": outline})
-    return found
 
 
 def _shown(known: KnownGarment) -> list[Placed]:
