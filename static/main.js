@@ -19,6 +19,7 @@ import { startKeys } from "./page/keys.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "./page/notices.js";
 import { Page } from "./page/page.js";
 import { showPalette } from "./page/palette.js";
+import { Roving } from "./page/roving.js";
 import { loadScene, startScene } from "./page/scene.js";
 import { SceneMarks } from "./page/scene_marks.js";
 import { StatusLines } from "./page/status.js";
@@ -73,6 +74,7 @@ page.add(new ReviewList(page));
 page.add(new ResultPanel(page));
 const column = page.add(new Column(page)); // after all that have a part of it
 page.add(new PageAddress(page));
+page.add(new Roving(page));
 const keyPointer = new KeyPointer();
 /** The lessons, once they are wanted. @type {Teaching | null} */
 let teaching = null;

@@ -3,7 +3,7 @@
 import { PagePart } from "../page/page.js";
 import { boxOfPoints } from "../canvas/geometry.js";
 import { GarmentDrawing } from "./drawing.js";
-import { dimensions, percent, pointButton, shares } from "./lists.js";
+import { dimensions, pointButton, shares } from "./lists.js";
 import { words } from "./marks.js";
 import {
   byId,
@@ -18,6 +18,7 @@ import {
   taken,
   WAYS,
 } from "../page/dom.js";
+import { percent } from "../page/format.js";
 
 const NONE = "none of these";
 

@@ -146,14 +146,13 @@ export class JointsPanel extends PagePart {
     const tip = cut
       ? "Take the part off: it floats, and can be placed again."
       : "The part stays joined, whatever speaks against it.";
-    return smallButton(
-      title,
-      () => {
-        if (waits) this.page.notify("info", "The shape is being drawn; wait a moment.");
-        else this.page.send({ type: "decide_joint", revision: this.found?.revision ?? 0, index: n, cut });
-      },
-      { key: cut ? "joint-cut" : "joint-keep", tip: `${tip}\nUndo takes it back.`, "aria-disabled": waits || null },
-    );
+    const message = /** @type {const} */ ({
+      type: "decide_joint",
+      revision: this.found?.revision ?? 0,
+      index: n,
+      cut,
+    });
+    return this.page.decision(title, message, tip, waits, { key: cut ? "joint-cut" : "joint-keep" });
   }
 
   /** Choose a part, or none, with a notice about the place that was clicked. */

@@ -957,80 +957,103 @@ export interface FrameInfo {
 export interface ResultInfo {
   revision: number;
   trouble: string;
-  median_std_mm: number | null;
-  reliable_share: number | null;
+  result: Result | null;
+}
+
+/** The result of an integration; ``uncertainty`` and ``wrong`` as in ``outcome.json``. */
+export interface Result {
+  uncertainty: Record<string, number>;
+  left_out: LeftOut[];
+  more: More;
   wrong: string[];
-  left_out: LeftOutView[];
-  more: MoreViews | null;
 }
 
-/** A view that shows cloth that is not in the shape. */
-export interface LeftOutView {
+/** Visible cloth that is neither in the shape nor in a floating piece, with the reason. */
+export interface LeftOut {
   view_index: number;
-  area_cm2: number;
+  area_m2: number;
   reason: string;
 }
 
-/** Whether more views would add cloth, and which. */
-export interface MoreViews {
+/** The expected gain of further views. */
+export interface More {
   reason: string;
+  expected: [number, number][];
   share: number | null;
-  expected: ExpectedArea[];
 }
 
-/** How much a view that is not used is expected to add. */
-export interface ExpectedArea {
-  view_index: number;
-  area_cm2: number;
-}
-
-/** What speaks for and against a proposal: mm and degrees for reading, metres for positions. */
+/** What speaks for and against a proposal, with the limits of the method. */
 export interface DiagnosticsInfo {
   limit_deg: number;
   overlap_cm2: number;
+  reasons: Reasons;
+  pairs: ShownPairs | null;
+}
+
+/** The quantities of the paper's section 4 for a pending view. */
+export interface Reasons {
   view_index: number;
-  side: string;
+  side: "left" | "right";
   front_view: number;
   turn_deg: number;
+  curves: ColumnCurves;
+  new_curves: ColumnCurves;
+  u_b_m: number;
+  a_0_deg: number;
   rotation_deg: number;
-  u_b_mm: number | null;
-  a_0_deg: number | null;
-  current: CurvesInfo;
-  new: CurvesInfo;
-  lines: ZAngleLines | null;
+  correspondence: Correspondence | null;
   trouble: string;
-  front_from_current: [number, number, number];
-  current_from_new: [number, number, number];
+  front_from_current: Rigid2;
+  current_from_new: Rigid2;
   pairs: ClothPairs | null;
 }
 
-/** The curves h(u) and A_z(u) of a flattened view. */
-export interface CurvesInfo {
-  u_mm: number[];
-  h: number[];
-  a_z_deg: (number | null)[];
-  pixel_size_mm: number;
+/** The curves over the columns of a flattened view (paper, Fig. 4a). */
+export interface ColumnCurves {
+  u_m: any[];
+  column_count: any[];
+  column_mean_z_angle_deg: any[];
+  pixel_size_m: number;
 }
 
-/** The lines of both views that the placement lays on each other. */
-export interface ZAngleLines {
-  a_m_deg: number;
+/** The initial estimate and its derivation (paper, Fig. 4d, e). */
+export interface Correspondence {
+  rotation_deg: number;
+  current_curves: ColumnCurves;
+  new_curves: ColumnCurves;
   common_range_deg: [number, number];
-  height_mm: number;
-  current: LineInfo;
-  new: LineInfo;
+  a_m_deg: number;
+  current: ZAngleLine;
+  new: ZAngleLine;
+  height_m: number;
 }
 
-/** The line of pixels with the Z-angle A_m, fitted on the plane. */
-export interface LineInfo {
-  pixels_uv_m: [number, number][];
-  center_uv_m: [number, number];
-  direction: [number, number];
-  point_uv_m: [number, number];
+/** Pixels of one Z-angle in a flattened view and their principal axis. */
+export interface ZAngleLine {
+  z_angle_deg: number;
+  pixels_uv_m: any[];
+  center_uv_m: any[];
+  direction: any[];
+  point_uv_m: any[];
+}
+
+/** A rigid motion of the plane (no mirror): ``p -> R(theta) p + (u, v)``. */
+export interface Rigid2 {
+  theta_rad: number;
+  u_m: number;
+  v_m: number;
+}
+
+/** The same cloth in a component of a view and in the shape: what fixes the component's place. */
+export interface ClothPairs {
+  shape_uv_m: any[];
+  new_uv_m: any[];
+  shape_xyz_m: any[];
+  new_xyz_m: any[];
 }
 
 /** Pairs of the same cloth, evenly chosen, and the statistics of all pairs. */
-export interface ClothPairs {
+export interface ShownPairs {
   total: number;
   median_mm: number;
   nine_tenths_mm: number;

@@ -104,9 +104,9 @@ export class SettingsSheet extends PagePart {
 /**
  * What a setting is changed by.
  * @param {Setting} row @param {unknown} value @param {(next: boolean | number | string) => unknown} set
- * @param {{ id: string; key: string; "aria-describedby": string }} about
+ * @param {{ id?: string; key: string; label?: string; "aria-describedby"?: string }} about
  */
-function control(row, value, set, about) {
+export function control(row, value, set, about) {
   if (typeof value === "boolean") return tickBox(value, set, about);
   if (typeof value === "string")
     return choice(Object.entries(row.options), value, { ...about, change: ({ target }) => set(target.value) });

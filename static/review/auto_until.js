@@ -1,7 +1,8 @@
 // How far Auto runs, as one choice: all views, until a view adds little, or this many; under the button of Auto.
 
 import { PagePart } from "../page/page.js";
-import { buttonOf, byId, find, make, numberBox, placeBeside, rebuild, staysIn, taken } from "../page/dom.js";
+import { buttonOf, byId, find, make, placeBeside, rebuild, staysIn, taken } from "../page/dom.js";
+import { control } from "../panels/settings.js";
 
 export class AutoUntil extends PagePart {
   name = "autoUntil";
@@ -47,14 +48,9 @@ export class AutoUntil extends PagePart {
   box(name, until) {
     const { settings, settings_rows: rows } = this.page.state;
     const row = /** @type {import("../page/messages").Setting} */ (rows.find((one) => one.name === name));
-    return numberBox(row, settings[name], {
-      key: name,
-      label: row.title,
-      change: ({ target }) => {
-        if (!target.value || !target.checkValidity()) target.value = String(settings[name]);
-        else this.page.send({ type: "set", values: { auto_until: until, [name]: target.valueAsNumber } });
-      },
-    });
+    const set = (/** @type {unknown} */ next) =>
+      this.page.send({ type: "set", values: { auto_until: until, [name]: Number(next) } });
+    return control(row, settings[name], set, { key: name, label: row.title });
   }
 
   open() {
@@ -78,9 +74,5 @@ export class AutoUntil extends PagePart {
     if (event.key !== "Escape") return event.stopPropagation();
     this.close();
     taken(event);
-  }
-
-  get status() {
-    return { open: !this.menu.hidden };
   }
 }

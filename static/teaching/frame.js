@@ -50,6 +50,7 @@ export async function loadFrame() {
   FRAME.append(...frame.body.children);
   find("dl", FRAME).before(...said.flatMap(({ body }) => [...body.children]));
   STAGES.push(...findAll("[data-stage]", FRAME).map(stageOf));
+  addEventListener("resize", fitMath);
 }
 
 /** @returns {Stage} */
@@ -120,8 +121,6 @@ export function fitMath() {
   if (box.scrollWidth > box.clientWidth)
     box.style.setProperty("--fit", String(Math.max(0.6, (0.98 * box.clientWidth) / box.scrollWidth)));
 }
-
-addEventListener("resize", fitMath);
 
 /**
  * The layers of a stage that has several to show: those of which the lesson has a picture.

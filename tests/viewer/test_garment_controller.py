@@ -27,6 +27,7 @@ from flatcloth.session.garment import DecidePiece, HoldPoint, SetKind, without_d
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.protocol import garment as asked
+from flatcloth.viewer.worker import Executor
 
 LAID = Rigid2(0.0, -4.9, 0.02)
 TWO_VIEWS = Document(start_view=0, accepted=(Accepted(1, Rigid2()),))
@@ -112,9 +113,10 @@ class Page:
         self.answers: list[dict] = []
         self.notes: list[tuple[str, str]] = []
         self.heard = threading.Event()
+        self.executor = Executor(put)
         self.controller = GarmentController(
             service,
-            put,
+            self.executor,
             self.told.set,
             self.tell,
             lambda _: SetKind("towel"),
@@ -151,7 +153,7 @@ class Page:
 def page(service):
     made = Page(service)
     yield made
-    made.controller.stop()
+    made.executor.stop()
 
 
 def test_a_piece_is_proposed_with_its_probability_and_where_it_would_lie(page) -> None:

@@ -12,6 +12,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -28,6 +29,7 @@ from flatcloth.grasping.measuring import measure
 from flatcloth.rendering.layers import Appearance
 from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer import http
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
@@ -36,10 +38,10 @@ from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described
 from flatcloth.viewer.protocol.sent import UV, Note, NoteLevel
-from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
+from flatcloth.viewer.protocol.settings import Settings, SettingsStore, method_numbers
 from flatcloth.viewer.protocol.snapshot import PageStatus, layers_of_shape
 from flatcloth.viewer.protocol.state import PageState, RecordingInfo
-from flatcloth.viewer.worker import Worker
+from flatcloth.viewer.worker import Executor, Worker
 
 if TYPE_CHECKING:  # viser is loaded with the first source, and not at all for a robot without a page
     from flatcloth.viewer.scene.scene import Scene
@@ -87,6 +89,7 @@ class PageController(ABC):
         self._revision = 0
         self.last_state: PageState | None = None  # what was sent last
         self._front = Worker("flatcloth-session", self._recover)
+        self.executor = Executor(partial(self._put, None))
 
     # --- from any thread ---------------------------------------------------------------------
 
@@ -116,15 +119,16 @@ class PageController(ABC):
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this mode."""
-        return [numbers_route(self._integration.config)]
+        return [http.get("/settings/numbers.json", lambda _: method_numbers(self._integration.config))]
 
     @abstractmethod
     def start(self) -> None:
         """Start showing."""
 
-    @abstractmethod
     def stop(self) -> None:
         """Stop all threads."""
+        self._front.stop(timeout_s=5.0)
+        self.executor.stop()
 
     def receive(self, client: int, text: str) -> None:
         """Process a message of a tab; errors are returned as notifications."""
@@ -296,6 +300,16 @@ class PageController(ABC):
         """Let the tabs mark a new pick immediately, before its numbers and the scene are updated."""
         x, y, z = map(float, pick.position_held_m)
         self._sink.tell(None, Picked(id=pick.id, position_held_m=(x, y, z), side=pick.side, uv_m=uv_m))
+
+    def _show_in_scene(self) -> None:
+        """Show the picture in 3D, unless another follows until the scene has time for it."""
+        picture = self.picture
+
+        def show() -> None:
+            if picture is self.picture:
+                self._scene_view.show(picture)
+
+        self.executor.put("scene", show)
 
     def _turn_to(self, view_index: int) -> None:
         angles_deg = self._integration.recording.angles_deg

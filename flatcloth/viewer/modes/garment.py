@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment.deciding import piece_decision
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, points_on_other_side
@@ -29,7 +29,7 @@ from flatcloth.viewer.protocol.answers import GarmentPreview, ServerMessage
 from flatcloth.viewer.protocol.garment import FoundGarment, GarmentInfo
 from flatcloth.viewer.protocol.picture import OtherSheet, outline_of
 from flatcloth.viewer.protocol.sent import NoteLevel, typed
-from flatcloth.viewer.worker import Worker, attempt
+from flatcloth.viewer.worker import Executor
 
 NOT_YET = "The garment is recognised once two views are integrated."
 
@@ -52,8 +52,8 @@ class GarmentController:
     ----------
     service : GarmentService
         Recognises garments.
-    put : callable
-        Runs a job on the application thread.
+    executor : Executor
+        Does the work.
     changed : callable
         Called on the application thread when the status has changed.
     tell : callable
@@ -70,27 +70,21 @@ class GarmentController:
     def __init__(
         self,
         service: GarmentService,
-        put: Callable[[Callable[[], None]], None],
+        executor: Executor,
         changed: Callable[[], None],
         tell: Callable[[int | None, ServerMessage], None],
         of_joint: Callable[[asked.DecideJoint], GarmentCommand],
         doubted: Callable[[], None],
         note: Callable[[NoteLevel, str], None],
     ) -> None:
-        self._service, self._put, self._changed, self._tell = service, put, changed, tell
+        self._service, self._executor, self._changed, self._tell = service, executor, changed, tell
         self._of_joint, self._doubted, self._note = of_joint, doubted, note
         self._doubt = 0.0
-        self._worker = Worker("flatcloth-garment")
         self._asked: Document | None = None
         self._answered: Document | None = None
         self._shown: Document | None = None
         self._previewed: tuple[int, int] | None = None
         self.status = GarmentStatus()
-
-    def stop(self) -> None:
-        """End the thread."""
-        self._asked = None  # recognitions that wait are dropped
-        self._worker.stop(timeout_s=2.0)
 
     # --- recognition --------------------------------------------------------------------------------
 
@@ -104,7 +98,12 @@ class GarmentController:
         self._shown = document
         if not busy and (self._asked is None or not _same(self._asked, document)):
             self._asked = document
-            self._worker.put(lambda: self._work(document))
+            self._executor.compute(
+                "garment",
+                lambda: self._work(document),
+                lambda made: self._take(document, made),
+                "recognising the garment",
+            )
         if self.status.working != self._is_outdated():
             self.status = replace(self.status, working=not self.status.working)
 
@@ -120,21 +119,16 @@ class GarmentController:
             return False
         return not _same(self._answered, self._shown)
 
-    def _work(self, document: Document) -> None:
+    def _work(self, document: Document) -> GarmentStatus:
         if self._asked is not document:
-            return  # the shape has changed since
+            raise CancelledError  # the shape has changed since
+        known = self._service.of(document)
+        return GarmentStatus(text="", known=known, shown=_found_garment(known))
 
-        def find() -> GarmentStatus:
-            known = self._service.of(document)
-            return GarmentStatus(text="", known=known, shown=_found_garment(known))
-
-        made = attempt(find, "recognising the garment")
-        status = GarmentStatus(text=made) if isinstance(made, str) else made
-        self._put(lambda: self._take(document, status))
-
-    def _take(self, document: Document, status: GarmentStatus) -> None:
+    def _take(self, document: Document, made: GarmentStatus | str) -> None:
         if self._asked is not document:
             return
+        status = GarmentStatus(text=made) if isinstance(made, str) else made
         self._answered = document
         self.status = replace(status, revision=self.status.revision + 1)
         self.status = replace(self.status, working=self._is_outdated())
@@ -206,7 +200,7 @@ class GarmentController:
             preview = {"type": "garment_preview", "id": message.id, **drawn(found, known)}
             self._tell(client, typed(preview, GarmentPreview))
 
-        self._worker.put(work)
+        self._executor.put("repair", work)
 
     def seen_point(self, name: str, other: OtherSheet | None = None) -> tuple[float, float, SheetSide]:
         """Return the place of a named point on visible cloth, and the side that shows it.

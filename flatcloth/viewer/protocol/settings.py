@@ -18,9 +18,6 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, structs
-from starlette.requests import Request
-from starlette.responses import JSONResponse
-from starlette.routing import Route
 
 from flatcloth.core import config as numbers
 from flatcloth.core.config import Config
@@ -239,16 +236,6 @@ def method_numbers(config: Config) -> list[dict[str, Any]]:
         }
         for section, values in now.items()
     ]
-
-
-def numbers_route(config: Config) -> Route:
-    """Return the route to the parameters of the method."""
-    numbers = method_numbers(config)
-
-    async def answer(_: Request) -> JSONResponse:
-        return JSONResponse(numbers)
-
-    return Route("/settings/numbers.json", answer)
 
 
 @cache
