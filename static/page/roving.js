@@ -2,8 +2,7 @@
 
 import { findAll, focusOn, isPlain, taken, targetOf, within } from "./dom.js";
 
-const GROUPS =
-  "#actions, #page-actions, .tools, #column-tabs, #proposal, #sources .heading, .thumbs, #timeline, #timeline-tools";
+const GROUPS = ".actions, .tools, #column-tabs, #proposal, #sources .heading, .thumbs, #timeline, #timeline-tools";
 const CONTROLS = "button, summary";
 /** @type {Record<string, number>} */
 const STEPS = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1, Home: -1e9, End: 1e9 };
