@@ -89,12 +89,7 @@ class Application(PageController):
         self._repair = repair.RepairService(integration, executor, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self.picture)
         self._review = ReviewService(
-            integration,
-            folder,
-            self.garments,
-            lambda: self.picture,
-            executor,
-            self._publish,
+            integration, folder, self.garments, lambda: self.picture, executor, self._publish
         )
         self._sides = SideController(
             integration, executor, lambda text: self._tell(None, "info", text) if text else self._publish()
@@ -344,7 +339,8 @@ class Application(PageController):
         """Compute what follows if the proposal is accepted, while the operator looks at it."""
         pending, picture = self._state.document.pending, self.picture
         is_shown = picture is not None and picture.document is self._state.document
-        if pending is not None and is_shown and self._page_settings.now.advance:
+        is_asked = self._state.phase is Phase.DECIDING and self._page_settings.now.advance
+        if pending is not None and is_shown and is_asked:
             score = session_work.score_shown(picture, self._state.document)
             accepted = apply(self._state, Accept(pending.view_index, score))
             if accepted.phase is Phase.READY:
