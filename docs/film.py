@@ -76,7 +76,7 @@ def _filmed(url: str) -> Iterator[tuple[bytes, int]]:
                 yield _picture(page), 2000
                 page.keyboard.press("i")
             if n == VIEWS - 1:  # the result is shown after it, and not another proposal
-                page.evaluate("flatcloth.send({type: 'set', advance: false})")
+                page.evaluate("flatcloth.send({type: 'set', values: {advance: false}})")
             step, revision = page.evaluate("[flatcloth.step, flatcloth.layerRevision]")
             page.keyboard.press("a")
             _until(page, f"flatcloth.step === {step + 1} && flatcloth.layerRevision > {revision}")

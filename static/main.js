@@ -19,6 +19,7 @@ import { startKeys } from "./page/keys.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "./page/notices.js";
 import { Page } from "./page/page.js";
 import { showPalette } from "./page/palette.js";
+import { Roving } from "./page/roving.js";
 import { loadScene, startScene } from "./page/scene.js";
 import { SceneMarks } from "./page/scene_marks.js";
 import { StatusLines } from "./page/status.js";
@@ -34,6 +35,8 @@ import { ResultPanel } from "./review/result.js";
 import { Timeline } from "./review/timeline.js";
 import { Verdicts } from "./review/verdicts.js";
 import { answerDrops } from "./start/drop.js";
+import { loadFrame } from "./teaching/frame.js";
+import { Teaching } from "./teaching/teaching.js";
 
 byId("unloaded").remove();
 
@@ -71,8 +74,9 @@ page.add(new ReviewList(page));
 page.add(new ResultPanel(page));
 const column = page.add(new Column(page)); // after all that have a part of it
 page.add(new PageAddress(page));
+page.add(new Roving(page));
 const keyPointer = new KeyPointer();
-/** The lessons: fetched when they are first wanted. @type {Teaching | null} */
+/** The lessons, once they are wanted. @type {Teaching | null} */
 let teaching = null;
 const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
@@ -204,7 +208,7 @@ function run(/** @type {string} */ name, large = false) {
 const PART = { description: "Show this part of the column.", keys: [""] }; // which have none
 
 async function openLessons() {
-  const { Teaching } = await import("./teaching/teaching.js");
+  await loadFrame();
   teaching ??= new Teaching({
     actions: () => page.state.actions,
     name: () => page.state.recording.name,
@@ -231,8 +235,8 @@ const PAGE_ACTIONS = {
   zoom_in: () => canvas.zoomBy(1.4),
   zoom_out: () => canvas.zoomBy(1 / 1.4),
   follow() {
-    const on = page.state.settings.follow.value;
-    if (!send({ type: "set", follow: !on })) return;
+    const on = page.state.settings.follow;
+    if (!send({ type: "set", values: { follow: !on } })) return;
     notify("info", on ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
   },
   export: () => showExports(notify, page.state),

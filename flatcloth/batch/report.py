@@ -60,7 +60,7 @@ def report_html(out: Path, *, served: bool) -> str:
             f"{out}: has no results of a batch; run one: flatcloth batch SOURCE... --out {out}"
         )
     parts = {
-        **common_parts("batch/report.js", ("page/page.css", "batch/report.css"), "; connect-src 'self'"),
+        **common_parts("batch/report.js", "; connect-src 'self'"),
         "title": escape(f"{out.resolve().name} \u00b7 flatcloth batch"),
         # So that no text can end the element that contains it.
         "data": json.dumps(_data(rows, out, served), allow_nan=False).replace("<", "\\u003c"),

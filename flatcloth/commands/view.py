@@ -137,7 +137,6 @@ def _opened(
         config = kept_config(session, options.method)
     recording = open_recording(source, _source_options(options, chosen))
     integration = integration_of(recording, options.method, config)
-    integration.looks_ahead = True
     path = session or default_session_folder(integration.recording, options.method, integration.config)
     if path == current:
         return None

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatcloth.core.cache import Cache, ReadAhead
+from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import (
     AlignmentError,
@@ -141,9 +141,6 @@ class Integration:
 
     flattens_ahead = False
     """Set by a run with a second core: the views that are likely next are flattened ahead."""
-    looks_ahead = False
-    """Set by the page: while the operator looks at a proposal, the next one is computed as if it were
-    accepted."""
 
     def __init__(
         self,
@@ -183,7 +180,6 @@ class Integration:
         self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
         self._decided: Cache[_ByGarment] = Cache(2)
-        self._looking = ReadAhead(self._look_ahead)
         before = self.algorithm
         self.algorithm = self._kind(self.views, self.views.angles_deg)
         self.algorithm.is_unattended, self.algorithm.is_limited = before.is_unattended, before.is_limited
@@ -446,19 +442,8 @@ class Integration:
         likely = [view for view in views if turns[view] >= _NEXT_APART_DEG]
         return list(dict.fromkeys([*likely, *(view for view in views if view != planned)]))[:VIEWS_AHEAD]
 
-    def _look_ahead(self, document: Document) -> None:
-        """Compute the shape of a document, and the proposal after it, so that both are kept when asked
-        for.
-        """
-        self.canonical(document)
-        plan = plan_put_off(self.plan, document)
-        if plan.view_index is not None:
-            self.algorithm.propose(document, plan.view_index, plan.side)
-
     def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
         self._read_ahead_of(proposal.view_index)
-        if self.looks_ahead and self.algorithm.takes_all:
-            self._looking.want([accept_all(document, [proposal.view_index], {})])
         key = (*_shape_of(document), proposal.view_index, proposal.side)
         self._proposals.put(key, proposal)
         return Proposed(

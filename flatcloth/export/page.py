@@ -9,7 +9,6 @@ import json
 import posixpath
 import re
 import zlib
-from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
@@ -56,12 +55,10 @@ _COLORS = 64
 
 Integers = TypeVar("Integers", bound=np.integer[Any])
 
-ENTRY = "offline/offline.js"
-"""The module of ``static/`` that the page starts with."""
 _OTHER = "other "
 """Before the names of the other side's data. Chosen."""
-_IMPORTED = re.compile(r'from "(\.[^"]+)"')
-_STYLES = "page/page.css", "canvas/canvas.css", "garment/garment.css", "offline/offline.css"
+_IMPORT = re.compile(r'^@?import (?:(\{[^}]*\}) from )?"([^"]+)";\n', re.MULTILINE)
+_EXPORTED = re.compile(r"^export (?:async )?(?:const|function|class) (\w+)", re.MULTILINE)
 
 
 def page(session: OpenedSession) -> str:
@@ -69,7 +66,7 @@ def page(session: OpenedSession) -> str:
     parcel = Parcel()
     history = _history(session, parcel)
     parts = {
-        **common_parts(ENTRY, _STYLES),
+        **common_parts("offline/offline.js"),
         "title": escape(f"{session.history.header.recording.name} \u00b7 flatcloth"),
         # No text can close its own element.
         "history": printed(json.dumps(history, allow_nan=False)).replace("<", "\\u003c"),
@@ -80,60 +77,63 @@ def page(session: OpenedSession) -> str:
     return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
 
 
-def common_parts(entry: str, styles: Sequence[str], more_policy: str = "") -> dict[str, str]:
-    """Return the parts common to all pages: policy, icon, style, modules, and the script that starts it.
+def common_parts(entry: str, more_policy: str = "") -> dict[str, str]:
+    """Return the parts common to all pages: policy, icon, style, and the script.
 
-    ``entry`` is the module of ``static/`` that it starts with, ``styles`` its style sheets.
+    ``entry`` is the module of ``static/`` that the page starts with; its style sheet has the same name.
     """
     static = static_folder()
-    style = "\n".join((static / name).read_text("utf-8") for name in styles)
-    modules = import_map(static, entry)
-    script = f'import "flatcloth/{entry}";'
+    script, style = whole(static, entry), whole(static, entry.replace(".js", ".css"))
     return {
-        "policy": _policy(script, modules, style) + more_policy,
+        "policy": _policy(script, style) + more_policy,
         "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
         "style": style,
-        "modules": modules,
         "script": script,
     }
 
 
-def import_map(folder: Path, entry: str) -> str:
-    """Return an import map (HTML standard) that holds a module of a folder, and all that it imports.
+def whole(folder: Path, entry: str) -> str:
+    """Return a module, or a style sheet, of a folder with all that it imports, as one text.
 
-    A data URL has no folder, so each relative path that a module imports becomes the bare name
-    ``flatcloth/NAME`` (its path below the folder), which the map resolves to the module's data URL.
+    Each module that is imported becomes a function that returns what it exports, called before the others.
 
     Raises
     ------
     FlatclothError
-        If a module cannot be read; the message names it.
+        If one of them cannot be read; the message names it.
     """
     found: dict[str, str] = {}
-    waiting = [f"flatcloth/{entry}"]
-    while waiting:
-        name = waiting.pop()
+
+    def add(name: str) -> None:
         if name in found:
-            continue
-        path = folder / name.removeprefix("flatcloth/")
-        with os_errors_as(FlatclothError, f"{path}: cannot be read", "Reinstall flatcloth."):
-            source = path.read_text("utf-8")
-        for relative in _IMPORTED.findall(source):
-            waiting.append(posixpath.normpath(f"{name}/../{relative}"))
-            source = source.replace(f'from "{relative}"', f'from "{waiting[-1]}"')
-        found[name] = data_url(source.encode(), "text/javascript")
-    return json.dumps({"imports": found})
+            return
+        with os_errors_as(FlatclothError, f"{folder / name}: cannot be read", "Reinstall flatcloth."):
+            source = (folder / name).read_text("utf-8")
+        of = {way: posixpath.normpath(f"{name}/../{way}") for _, way in _IMPORT.findall(source)}
+        for each in of.values():
+            add(each)
+        exports = ", ".join(_EXPORTED.findall(source))
+        source = _EXPORTED.sub(lambda got: got[0].removeprefix("export "), source)
+        source = _IMPORT.sub(lambda got: _taken(got[1], of[got[2]]), source)
+        if name.endswith(".js") and name != entry:
+            source = f'modules["{name}"] = (() => {{\n{source}return {{ {exports} }};\n}})();\n'
+        found[name] = source
+
+    add(entry)
+    return ("const modules = {};\n" if entry.endswith(".js") else "") + "".join(found.values())
 
 
-def _policy(script: str, modules: str, style: str) -> str:
-    """Return a content security policy that allows only the page's own scripts and no loading."""
+def _taken(names: str, module: str) -> str:
+    return f'const {names.replace(" as ", ": ")} = modules["{module}"];\n' if names else ""
 
-    def digest(text: str) -> str:
-        return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
 
+def _policy(script: str, style: str) -> str:
+    """Return a content security policy that allows only the page's own script and no loading."""
+    digests = (hashlib.sha256(text.encode()).digest() for text in (script, style))
+    own_script, own_style = (f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
     return (
-        f"default-src 'none'; script-src {digest(script)} {digest(modules)} data:;"
-        f" style-src {digest(style)}; img-src data: blob:; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src {own_script};"
+        f" style-src {own_style}; img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
 
 

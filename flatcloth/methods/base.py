@@ -216,7 +216,7 @@ class Method(Protocol):
 
     def as_decided(self, document: Document, parts: DecidedParts) -> tuple[Canonical, Cloth]:
         """Return the canonical view, and its edges, by decisions about parts of these ``Cloth`` edges."""
-        raise NotImplementedError
+        raise AssertionError("parts are of edges with evidence")
 
     def why_unusable(self, view_index: int) -> str:
         """Return why a view shows too little cloth to be part of a shape; empty if it shows enough."""

@@ -15,6 +15,7 @@ from urllib.parse import quote
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
 
 from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
@@ -27,25 +28,30 @@ DAY = "private, max-age=86400"
 """Cache-Control of pictures whose address changes when they do."""
 
 
-async def made(
-    make: Callable[[], Any],
+def get(
+    path: str,
+    make: Callable[[Request], Any],
     media_type: str = "image/png",
     *,
     kept: str = "no-store",
     gone: str | None = "This picture is no longer shown; a newer state follows.",
-) -> Response:
-    """Answer with what ``make`` returns on a thread: bytes, or values that are sent as JSON.
+) -> Route:
+    """Return a route: what ``make`` returns on a thread is sent, bytes as they are, other values as JSON.
 
     None is answered by ``gone`` (410; without such a text by 204, which no browser takes for an error).
     """
-    data = await run_in_threadpool(make)
-    if data is None and gone is None:
-        return Response(status_code=204, headers={"Cache-Control": "no-store"})
-    if data is None:
-        return PlainTextResponse(gone, status_code=410)
-    if isinstance(data, bytes):
-        return Response(data, media_type=media_type, headers={"Cache-Control": kept})
-    return as_json(data)
+
+    async def answer(request: Request) -> Response:
+        data = await run_in_threadpool(make, request)
+        if data is None and gone is None:
+            return Response(status_code=204, headers={"Cache-Control": "no-store"})
+        if data is None:
+            return PlainTextResponse(gone, status_code=410)
+        if isinstance(data, bytes):
+            return Response(data, media_type=media_type, headers={"Cache-Control": kept})
+        return as_json(data)
+
+    return Route(path, answer)
 
 
 def as_json(values: Any) -> Response:

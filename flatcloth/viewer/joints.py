@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import BaseRoute, Route
+from starlette.routing import BaseRoute
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
@@ -53,7 +52,7 @@ class JointService:
 
     def routes(self) -> list[BaseRoute]:
         """Return the route of this service."""
-        return [Route("/joints/{revision:int}.json", self._answer)]
+        return [http.get("/joints/{revision:int}.json", self._info)]
 
     def decision(self, asked: DecideJoint) -> DecideLink:
         """Return the decision that a part is cut off, or kept.
@@ -89,10 +88,8 @@ class JointService:
         key = document.shape_key, document.garment.parts, id(self._garments.last)
         return self._found.get(key, find)
 
-    async def _answer(self, request: Request) -> Response:
-        return await http.made(lambda: self._info(request.path_params["revision"]))
-
-    def _info(self, revision: int) -> JointsInfo:
+    def _info(self, request: Request) -> JointsInfo:
+        revision = request.path_params["revision"]
         try:
             document = self._document(revision)
             cloth, joints = self._joints(document)

@@ -1,4 +1,4 @@
-"""Heavy work of the page: a thread for it, whose results go back to the application thread, and turns."""
+"""Heavy work of the page: lanes for it, whose results go back to the page's own thread, and turns."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import contextlib
 import logging
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 
@@ -123,3 +124,86 @@ class Worker:
                 except Exception:  # noqa: BLE001 - nobody else would hear of it
                     _log.exception("the thread %s could not recover", self._thread.name)
             job = None  # frees the arrays that it refers to
+
+
+Lane = Literal["work", "ahead", "repair", "sides", "scene", "teaching", "review", "garment", "other side"]
+_PATIENT = ("review", "garment", "other side")
+"""Lanes whose jobs begin when the other lanes have had nothing to do for a while: nobody waits for them."""
+PATIENCE_S = 1.5
+"""How long. Chosen: who decides about a view a few seconds does not wait for what becomes outdated anyway."""
+
+
+class Executor:
+    """The heavy work of a page: the jobs of a lane run one after the other, lanes beside one another.
+
+    Parameters
+    ----------
+    on_page : callable
+        Runs a job on the page's own thread.
+    """
+
+    def __init__(self, on_page: Callable[[Job], None]) -> None:
+        self.on_page = on_page
+        self._lanes: dict[Lane, Worker] = {}
+        self._changed = threading.Condition()
+        self._urgent, self._idle_since_s = 0, -PATIENCE_S
+        self.has_ended = False
+
+    def put(self, lane: Lane, job: Job) -> None:
+        """Add a job; returns immediately."""
+
+        def run() -> None:
+            if lane in _PATIENT:
+                self._wait_until_idle()
+            try:
+                if not self.has_ended:
+                    job()
+            finally:
+                self._count(lane, -1)
+
+        self._count(lane, 1)
+        self._worker(lane).put(run)
+
+    def compute(self, lane: Lane, make: Callable[[], T], take: Callable[[T | str], None], doing: str) -> None:
+        """Make something, and give it, or why it cannot be made, to ``take`` on the page's own thread."""
+
+        def job() -> None:
+            with contextlib.suppress(CancelledError):
+                made = attempt(make, doing)
+                self.on_page(lambda: take(made))
+
+        self.put(lane, job)
+
+    def result_of(self, lane: Lane, job: Callable[[], T], timeout_s: float) -> T:
+        """Run a job after those that wait, and return its result; from any thread but those of the lanes."""
+        return self._worker(lane).result_of(job, timeout_s)
+
+    def stop(self) -> None:
+        """Drop what waits, and end the threads after their current jobs."""
+        with self._changed:
+            self.has_ended = True
+            self._changed.notify_all()
+            lanes = [*self._lanes.values()]
+        for worker in lanes:
+            worker.stop(timeout_s=2.0)
+
+    def _worker(self, lane: Lane) -> Worker:
+        with self._changed:
+            if lane not in self._lanes:
+                self._lanes[lane] = Worker(f"flatcloth-{lane}")
+            return self._lanes[lane]
+
+    def _wait_until_idle(self) -> None:
+        with self._changed:
+            while not self.has_ended:
+                left_s = None if self._urgent else self._idle_since_s + PATIENCE_S - time.monotonic()
+                if left_s is not None and left_s <= 0.0:
+                    return
+                self._changed.wait(left_s)
+
+    def _count(self, lane: Lane, by: int) -> None:
+        if lane not in _PATIENT:
+            with self._changed:
+                self._urgent += by
+                self._idle_since_s = time.monotonic()
+                self._changed.notify_all()

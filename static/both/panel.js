@@ -6,7 +6,7 @@ import { nearest } from "../canvas/geometry.js";
 import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
 import { words } from "../garment/marks.js";
 import { askJson, Fetched } from "../page/connection.js";
-import { closeButton, byId, heading, make, rebuild, smallButton, swatch, values } from "../page/dom.js";
+import { closeButton, byId, heading, make, rebuild, swatch, values } from "../page/dom.js";
 import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
 
 const HIT_PX = 8;
@@ -254,20 +254,14 @@ export class BothSides extends PagePart {
     const tip = keep
       ? "The seam joins both sides, whatever speaks against it."
       : "The seam joins nothing: other parts touch there.";
-    return smallButton(
-      title,
-      () => {
-        if (working) this.page.notify("info", "The seams are being found again; wait a moment.");
-        else if (!is) this.page.send({ type: "decide_seam", revision: this.other?.revision ?? 0, index: n, keep });
-      },
-      {
-        pressed: is,
-        "aria-disabled": working ? "true" : null,
-        key: `seam-${n}-${title}`,
-        label: `${title} seam ${n + 1}`,
-        tip: `${tip}\nUndo takes it back.`,
-      },
-    );
+    const message = /** @type {const} */ ({
+      type: "decide_seam",
+      revision: this.other?.revision ?? 0,
+      index: n,
+      keep,
+    });
+    const about = { pressed: is, key: `seam-${n}-${title}`, label: `${title} seam ${n + 1}` };
+    return this.page.decision(title, message, tip, working, about);
   }
 
   choose(/** @type {number | null} */ seam) {

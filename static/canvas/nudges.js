@@ -31,8 +31,8 @@ export class KeyNudges {
   move(/** @type {string} */ name, /** @type {number} */ times) {
     const { settings, pending } = this.state();
     const [turn, right, down] = MOVES[name].map((steps) => steps * times);
-    const step = settings.step_mm.value / 1000;
-    const by = this.canvas.asSeen((turn * settings.step_deg.value * Math.PI) / 180, right * step, down * step);
+    const step = settings.step_mm / 1000;
+    const by = this.canvas.asSeen((turn * settings.step_deg * Math.PI) / 180, right * step, down * step);
     this.canvas.movePreview(by);
     this.gesture ??= { view: pending?.view_index ?? -1, by: { theta: 0, u: 0, v: 0 } };
     addTo(this.gesture.by, by);

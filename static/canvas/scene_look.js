@@ -33,23 +33,24 @@ export class SceneLook {
   /** What the part is built from. */
   get key() {
     const { settings, axis, phase } = this.page.state;
-    return [SWITCHES.map((name) => settings[name].value), axis, this.axis, phase === "computing"];
+    return [SWITCHES.map((name) => settings[name]), axis, this.axis, phase === "computing"];
   }
 
   build() {
-    const { settings, axis, capture } = this.page.state;
+    const { settings, settings_rows, axis, capture } = this.page.state;
     const names = SWITCHES.filter((name) => !capture || OF_A_CAMERA.includes(name));
     return [
       make("h2", "3D scene"),
       make(
         "ul.scene-switches",
         ...names.map((name) => {
-          const { title, description, value } = settings[name];
-          const set = (/** @type {boolean} */ on) => this.page.send({ type: "set", [name]: on });
-          return make("li", make("label", { tip: description }, tickBox(value, set, { key: name }), title));
+          const row = settings_rows.find((one) => one.name === name);
+          const set = (/** @type {boolean} */ on) => this.page.send({ type: "set", values: { [name]: on } });
+          const box = tickBox(settings[name], set, { key: name });
+          return make("li", make("label", { tip: row?.description }, box, row?.title));
         }),
       ),
-      axis && settings.show_axis.value && this.axisFields(axis),
+      axis && settings.show_axis && this.axisFields(axis),
     ];
   }
 

@@ -1,7 +1,7 @@
 // The fitted outline and the named points over the flattened view: drawn, dragged, shown in the scene.
 
 import { nearest } from "../canvas/geometry.js";
-import { drawDot, strokeLoop } from "../canvas/marks.js";
+import { drawDot } from "../canvas/marks.js";
 import { drawGarment, drawName } from "./marks.js";
 
 const GRAB_PX = 10;
@@ -93,17 +93,7 @@ export class GarmentDrawing {
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { drawn } = this;
-    this.drawLinks(style);
-    if (!drawn) return;
-    drawGarment(this.page.canvas, context, style, drawn, this.grabbed?.name ?? this.panel.pointed);
-  }
-
-  /** The outlines of the parts whose links are doubted. */
-  drawLinks(/** @type {Style} */ style) {
-    if (!this.panel.shown || this.page.hasCamera) return;
-    const color = style.getPropertyValue("--warn");
-    for (const { outline_uv_m } of this.panel.found?.links ?? [])
-      for (const loop of outline_uv_m) strokeLoop(this.page.canvas, loop, color, 2, { dash: [6, 4] });
+    if (drawn) drawGarment(this.page.canvas, context, style, drawn, this.grabbed?.name ?? this.panel.pointed);
   }
 
   /** @param {Context} context @param {Style} style @param {PlaceInScene} place */

@@ -2,12 +2,9 @@
 
 import { words } from "./marks.js";
 import { make, values } from "../page/dom.js";
-import { mm as inMm, number } from "../page/format.js";
+import { mm as inMm, number, percent } from "../page/format.js";
 
 const LEAST_SHOWN = 0.005; // of a probability
-
-export const percent = (/** @type {number} */ share) =>
-  share > 0.995 ? "> 99 %" : share < LEAST_SHOWN ? "< 1 %" : `${number(100 * share, 0)} %`;
 
 /** The kinds by probability, [[name, share], ...]. */
 export function shares(/** @type {[string, number][]} */ probabilities) {

@@ -3,7 +3,7 @@
 import { PagePart } from "../page/page.js";
 import { boxOfPoints } from "../canvas/geometry.js";
 import { GarmentDrawing } from "./drawing.js";
-import { dimensions, percent, pointButton, shares } from "./lists.js";
+import { dimensions, pointButton, shares } from "./lists.js";
 import { words } from "./marks.js";
 import {
   byId,
@@ -18,7 +18,7 @@ import {
   taken,
   WAYS,
 } from "../page/dom.js";
-import { cm2 } from "../page/format.js";
+import { percent } from "../page/format.js";
 
 const NONE = "none of these";
 
@@ -27,7 +27,6 @@ export class GarmentPanel extends PagePart {
   shown = true; // outline and points on the canvas
   known = /** @type {State["garment"]} */ (null); // what the server says
   pointed = /** @type {string | null} */ (null); // the name of the point that is pointed at
-  decided = -1; // the revision of which a link was decided
   finished = false; // whether the finished shape was turned upright
   /** @type {{ angle: number; flipped: boolean } | null} */
   turnedFrom = null; // how the view was turned before it was turned upright, on the shown side
@@ -79,9 +78,6 @@ export class GarmentPanel extends PagePart {
     const kind = found?.kind;
     show("tools", [Boolean(found)], () => found && this.tools());
     show("kinds", [found?.probabilities, kind, found?.by_hand], () => found && this.kinds(found, known.kinds));
-    // While the shape is drawn without a part, its link is none to decide about.
-    const links = known.working || this.decided === known.revision ? [] : (found?.links ?? []);
-    show("links", [links, known.revision], () => links.map(this.link, this));
     show("points", [kind, found?.points], () => kind && this.points(found));
     show("dimensions", [kind, found?.dimensions], () => kind && dimensions(found));
   }
@@ -98,35 +94,6 @@ export class GarmentPanel extends PagePart {
       change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }),
     });
     return [shares(found.probabilities), field("Kind", select)];
-  }
-
-  /** A part that is joined where no garment allows it, to be taken off or kept like a proposal. */
-  link(/** @type {FoundGarment["links"][number]} */ { probability, area_cm2 }, /** @type {number} */ index) {
-    const revision = this.known?.revision ?? 0;
-    const area = cm2(area_cm2);
-    /** @param {string} title @param {boolean} taken_off @param {string} tip */
-    const decide = (title, taken_off, tip) =>
-      smallButton(title, () => this.decideLink({ revision, index, taken_off }), {
-        label: `${title}: the part of ${area}`,
-        key: `link-${index}-${taken_off}`,
-        tip: `${tip}\nUndo takes it back.`,
-      });
-    return make(
-      "div.by-garment",
-      { role: "group", label: `Link of a part of ${area}` },
-      make(
-        "p.note",
-        `A part of ${area}, outlined in dashes, is joined where no garment allows it: its link is right with ` +
-          `${percent(probability)}.`,
-      ),
-      decide("Take it off", true, "It floats then, as a piece of its own; the measured data stay."),
-      decide("Keep it", false, "The link is right; it is not asked about again."),
-    );
-  }
-
-  decideLink(/** @type {{ revision: number; index: number; taken_off: boolean }} */ about) {
-    if (this.page.send({ type: "decide_link", ...about })) this.decided = about.revision;
-    this.show();
   }
 
   points(/** @type {FoundGarment} */ found) {
@@ -227,7 +194,7 @@ export class GarmentPanel extends PagePart {
       const [u, v] = point.uv_m;
       this.moved = { name: point.name, u, v };
     }
-    const step = ((this.page.state.settings.step_mm.value ?? 1) / 1000) * (event.shiftKey ? 10 : 1);
+    const step = (this.page.state.settings.step_mm / 1000) * (event.shiftKey ? 10 : 1);
     const [right, down] = WAYS[event.key];
     const by = this.page.canvas.asSeen(0, right * step, down * step);
     this.moved.u += by.u;

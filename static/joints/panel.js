@@ -49,8 +49,7 @@ export class JointsPanel extends PagePart {
   update(/** @type {State} */ state) {
     this.section.hidden = !this.shown || !state.layers || state.mode === "camera";
     if (this.section.hidden) return;
-    const revision = this.page.thisSide.layers?.revision;
-    if (this.fetched.want(revision ? `joints/${revision}.json` : null)) this.chosen = null;
+    if (this.fetched.want(addressOf(this.page.thisSide))) this.chosen = null;
     rebuild(this.section, [this.found, this.chosen, this.notice, state.drawing], () => this.build(state.drawing));
   }
 
@@ -147,14 +146,13 @@ export class JointsPanel extends PagePart {
     const tip = cut
       ? "Take the part off: it floats, and can be placed again."
       : "The part stays joined, whatever speaks against it.";
-    return smallButton(
-      title,
-      () => {
-        if (waits) this.page.notify("info", "The shape is being drawn; wait a moment.");
-        else this.page.send({ type: "decide_joint", revision: this.found?.revision ?? 0, index: n, cut });
-      },
-      { key: cut ? "joint-cut" : "joint-keep", tip: `${tip}\nUndo takes it back.`, "aria-disabled": waits || null },
-    );
+    const message = /** @type {const} */ ({
+      type: "decide_joint",
+      revision: this.found?.revision ?? 0,
+      index: n,
+      cut,
+    });
+    return this.page.decision(title, message, tip, waits, { key: cut ? "joint-cut" : "joint-keep" });
   }
 
   /** Choose a part, or none, with a notice about the place that was clicked. */
@@ -215,6 +213,10 @@ export class JointsPanel extends PagePart {
     drawSeamInScene(context, style, joints[chosen].seam_xyz_m, place);
   }
 }
+
+/** Where the joints of the shape are; a garment that is recognised later may doubt others. */
+export const addressOf = (/** @type {State} */ { layers, garment }) =>
+  layers && `joints/${layers.revision}.json?garment=${garment?.revision ?? 0}`;
 
 /** Whether the outlines of a part hold a place: an odd number of their edges is crossed on the way out. */
 function holds(/** @type {JointInfo} */ { outline_uv_m }, /** @type {number} */ u, /** @type {number} */ v) {

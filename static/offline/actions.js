@@ -1,6 +1,7 @@
 // What the exported page can do: one table for buttons, keys and the sheet of keys.
 
 import { copyPick } from "./details.js";
+import { toggleTheme } from "../page/theme.js";
 import { actionSection, keySection, showKeys } from "../page/keys.js";
 
 /**
@@ -44,7 +45,7 @@ const ACTIONS = [
   ],
   ["around", "View", ["i"], "Item", "Show, in grey, what else the camera saw.", (page) => page.toggleAround()],
   ["copy", "Page", ["c"], "Copy", "Copy the numbers of the current pick.", (page) => copyPick(page)],
-  ["theme", "Page", ["t"], "Theme", "Switch between light and dark.", (page) => page.toggleTheme()],
+  ["theme", "Page", ["t"], "Theme", "Switch between light and dark.", toggleTheme],
   ["help", "Page", ["?"], "Keys", "Show this sheet.", (page) => showHelp(page)],
 ];
 const GROUPS = ["Growth", "Layer", "View", "Page"];

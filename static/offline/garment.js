@@ -1,6 +1,7 @@
 // The garment beside the pictures of the exported page: kinds, named points, dimensions.
 
-import { dimensions, percent, pointButton, shares } from "../garment/lists.js";
+import { dimensions, pointButton, shares } from "../garment/lists.js";
+import { percent } from "../page/format.js";
 import { words } from "../garment/marks.js";
 import { byId, make, rebuild } from "../page/dom.js";
 

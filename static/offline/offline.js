@@ -21,6 +21,7 @@ import {
 import { cm2, count, floatingOf, keyName, number, tipOf } from "../page/format.js";
 import { keyOf } from "../page/keys.js";
 import { startTips } from "../page/notices.js";
+import { applyTheme, onTheme } from "../page/theme.js";
 import { actionTable } from "./actions.js";
 import { CloudView } from "./cloud.js";
 import { showDecisions, showPick, showPicks, showValues } from "./details.js";
@@ -35,8 +36,6 @@ const PLAY_MS = 1300;
 const NEW = [255, 140, 0];
 
 export class Page {
-  toggleTheme = toggleTheme;
-
   constructor(/** @type {OfflineData} */ { history, layers, cloth, other, around }) {
     this.history = history;
     /** @type {Record<SideName, OfflineData["other"]>} */
@@ -353,24 +352,12 @@ export class Page {
   }
 }
 
-// --- theme ------------------------------------------------------------------------------
-
-const system = matchMedia("(prefers-color-scheme: dark)");
-let chosen = /** @type {string | null} */ (null);
 let page = /** @type {Page | null} */ (null);
 
-function applyTheme() {
-  document.documentElement.dataset.theme = chosen ?? (system.matches ? "dark" : "light");
+onTheme(() => {
   page?.flat.redraw();
   page?.cloud.redraw();
-}
-
-function toggleTheme() {
-  chosen = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
-  applyTheme();
-}
-
-system.addEventListener("change", applyTheme);
+});
 applyTheme();
 startTips();
 try {

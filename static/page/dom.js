@@ -128,7 +128,8 @@ export const slider = ([min, max, step], value, more) =>
   make("input", { type: "range", min, max, step, value, ...more });
 
 /**
- * A box for a number. @param {{ low?: number; high?: number; step: number }} range @param {number | null} value
+ * A box for a number.
+ * @param {{ low?: number | null; high?: number | null; step: number | null }} range @param {number | null} value
  * @param {Attributes<"input">} more
  */
 export const numberBox = ({ low, high, step }, value, more) =>

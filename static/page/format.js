@@ -16,7 +16,9 @@ export const mm = (/** @type {number | null | undefined} */ value, decimals = 1)
 
 export const cm2 = (/** @type {number | null | undefined} */ value) => `${number(value, 0)} cm²`;
 
-export const percent = (/** @type {number} */ share) => `${number(100 * share, 0)} %`;
+/** A share; what is nearly none or all is not called so. */
+export const percent = (/** @type {number} */ share) =>
+  share > 0.995 ? "> 99 %" : share < 0.005 && share > 0 ? "< 1 %" : `${number(100 * share, 0)} %`;
 
 export const count = (/** @type {number} */ n, /** @type {string} */ word) => `${n} ${word}${n === 1 ? "" : "s"}`;
 

@@ -36,14 +36,6 @@ export interface DecidePiece {
   accepted: boolean;
 }
 
-/** Take a part off, or keep it: ``index`` in the list of doubted links at this ``revision``. */
-export interface DecideLink {
-  type: "decide_link";
-  revision: number;
-  index: number;
-  taken_off: boolean;
-}
-
 /** Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``. */
 export interface DecideJoint {
   type: "decide_joint";
@@ -228,25 +220,11 @@ export interface SetAuto {
   running: boolean;
 }
 
-/** Change settings of the page, see ``settings.SETTINGS``; ``reset`` first restores all defaults. */
+/** Change settings of the page, see ``settings.Settings``; ``reset`` first restores all defaults. */
 export interface Set {
   type: "set";
   reset?: boolean;
-  auto_threshold?: number | null;
-  auto_until?: "all" | "area" | "views" | null;
-  auto_least_cm2?: number | null;
-  auto_views?: number | null;
-  advance?: boolean | null;
-  follow?: boolean | null;
-  turn_to_pick?: boolean | null;
-  show_view?: boolean | null;
-  show_shape?: boolean | null;
-  show_new?: boolean | null;
-  show_all?: boolean | null;
-  show_axis?: boolean | null;
-  show_camera?: boolean | null;
-  step_mm?: number | null;
-  step_deg?: number | null;
+  values?: Record<string, boolean | number | string>;
 }
 
 /** Set the turning axis by hand, as the camera of view 0 sees it; without ``apply`` it is only drawn. */
@@ -333,7 +311,6 @@ export type ClientMessage =
   | PreviewPoint
   | ReleasePoints
   | DecidePiece
-  | DecideLink
   | DecideJoint
   | PickPoint
   | ShowOther
@@ -384,7 +361,8 @@ export interface PageState {
   pick: PickInfo | null;
   picks: ListedPick[];
   log: Note[];
-  settings: SettingsTable;
+  settings: Settings;
+  settings_rows: Setting[];
   present_view: number | null;
   angle_deg: number | null;
   views: ViewRow[];
@@ -552,54 +530,35 @@ export interface Note {
   time_s: number;
 }
 
-/** The settings of the page in the order of their dialog. */
-export interface SettingsTable {
-  advance: Switch;
-  auto_threshold: Slider;
-  auto_until: Choice;
-  auto_least_cm2: Slider;
-  auto_views: Slider;
-  step_mm: Slider;
-  step_deg: Slider;
-  follow: Switch;
-  turn_to_pick: Switch;
-  show_view: Switch;
-  show_shape: Switch;
-  show_new: Switch;
-  show_all: Switch;
-  show_axis: Switch;
-  show_camera: Switch;
+/** The operator's settings, in the order of their dialog. */
+export interface Settings {
+  advance: boolean;
+  auto_threshold: number;
+  auto_until: "all" | "area" | "views";
+  auto_least_cm2: number;
+  auto_views: number;
+  step_mm: number;
+  step_deg: number;
+  follow: boolean;
+  turn_to_pick: boolean;
+  show_view: boolean;
+  show_shape: boolean;
+  show_new: boolean;
+  show_all: boolean;
+  show_axis: boolean;
+  show_camera: boolean;
 }
 
-/** A setting that is on or off. */
-export interface Switch {
+/** What the dialog shows of a setting; ``options`` are values and words, numbers have a range. */
+export interface Setting {
   name: string;
   title: string;
   description: string;
-  value: boolean;
-  default: boolean;
-}
-
-/** A setting with a range. */
-export interface Slider {
-  name: string;
-  title: string;
-  description: string;
-  low: number;
-  high: number;
-  step: number;
-  value: number;
-  default: number;
-}
-
-/** A setting with one of some options: value and words. */
-export interface Choice {
-  name: string;
-  title: string;
-  description: string;
-  options: [string, string][];
-  value: string;
-  default: string;
+  default: boolean | number | string;
+  low: number | null;
+  high: number | null;
+  step: number | null;
+  options: Record<string, string>;
 }
 
 /** A view on the timeline: what was decided about it, and what it added to the shape. */
@@ -756,7 +715,6 @@ export interface FoundGarment {
   points: GarmentPointInfo[];
   upright_rad: number;
   pieces: GarmentPiece[];
-  links: DoubtedLinkInfo[];
 }
 
 /** A dimension of the garment and its standard deviation. */
@@ -783,13 +741,6 @@ export interface GarmentPiece {
   std_mm: number;
   sure: boolean;
   state: "placed" | "proposed" | "refused";
-  outline_uv_m: [number, number][][];
-}
-
-/** A link that no garment allows: how probable it is, and the outline of the part. */
-export interface DoubtedLinkInfo {
-  probability: number;
-  area_cm2: number;
   outline_uv_m: [number, number][][];
 }
 
@@ -1006,80 +957,103 @@ export interface FrameInfo {
 export interface ResultInfo {
   revision: number;
   trouble: string;
-  median_std_mm: number | null;
-  reliable_share: number | null;
+  result: Result | null;
+}
+
+/** The result of an integration; ``uncertainty`` and ``wrong`` as in ``outcome.json``. */
+export interface Result {
+  uncertainty: Record<string, number>;
+  left_out: LeftOut[];
+  more: More;
   wrong: string[];
-  left_out: LeftOutView[];
-  more: MoreViews | null;
 }
 
-/** A view that shows cloth that is not in the shape. */
-export interface LeftOutView {
+/** Visible cloth that is neither in the shape nor in a floating piece, with the reason. */
+export interface LeftOut {
   view_index: number;
-  area_cm2: number;
+  area_m2: number;
   reason: string;
 }
 
-/** Whether more views would add cloth, and which. */
-export interface MoreViews {
+/** The expected gain of further views. */
+export interface More {
   reason: string;
+  expected: [number, number][];
   share: number | null;
-  expected: ExpectedArea[];
 }
 
-/** How much a view that is not used is expected to add. */
-export interface ExpectedArea {
-  view_index: number;
-  area_cm2: number;
-}
-
-/** What speaks for and against a proposal: mm and degrees for reading, metres for positions. */
+/** What speaks for and against a proposal, with the limits of the method. */
 export interface DiagnosticsInfo {
   limit_deg: number;
   overlap_cm2: number;
+  reasons: Reasons;
+  pairs: ShownPairs | null;
+}
+
+/** The quantities of the paper's section 4 for a pending view. */
+export interface Reasons {
   view_index: number;
-  side: string;
+  side: "left" | "right";
   front_view: number;
   turn_deg: number;
+  curves: ColumnCurves;
+  new_curves: ColumnCurves;
+  u_b_m: number;
+  a_0_deg: number;
   rotation_deg: number;
-  u_b_mm: number | null;
-  a_0_deg: number | null;
-  current: CurvesInfo;
-  new: CurvesInfo;
-  lines: ZAngleLines | null;
+  correspondence: Correspondence | null;
   trouble: string;
-  front_from_current: [number, number, number];
-  current_from_new: [number, number, number];
+  front_from_current: Rigid2;
+  current_from_new: Rigid2;
   pairs: ClothPairs | null;
 }
 
-/** The curves h(u) and A_z(u) of a flattened view. */
-export interface CurvesInfo {
-  u_mm: number[];
-  h: number[];
-  a_z_deg: (number | null)[];
-  pixel_size_mm: number;
+/** The curves over the columns of a flattened view (paper, Fig. 4a). */
+export interface ColumnCurves {
+  u_m: any[];
+  column_count: any[];
+  column_mean_z_angle_deg: any[];
+  pixel_size_m: number;
 }
 
-/** The lines of both views that the placement lays on each other. */
-export interface ZAngleLines {
-  a_m_deg: number;
+/** The initial estimate and its derivation (paper, Fig. 4d, e). */
+export interface Correspondence {
+  rotation_deg: number;
+  current_curves: ColumnCurves;
+  new_curves: ColumnCurves;
   common_range_deg: [number, number];
-  height_mm: number;
-  current: LineInfo;
-  new: LineInfo;
+  a_m_deg: number;
+  current: ZAngleLine;
+  new: ZAngleLine;
+  height_m: number;
 }
 
-/** The line of pixels with the Z-angle A_m, fitted on the plane. */
-export interface LineInfo {
-  pixels_uv_m: [number, number][];
-  center_uv_m: [number, number];
-  direction: [number, number];
-  point_uv_m: [number, number];
+/** Pixels of one Z-angle in a flattened view and their principal axis. */
+export interface ZAngleLine {
+  z_angle_deg: number;
+  pixels_uv_m: any[];
+  center_uv_m: any[];
+  direction: any[];
+  point_uv_m: any[];
+}
+
+/** A rigid motion of the plane (no mirror): ``p -> R(theta) p + (u, v)``. */
+export interface Rigid2 {
+  theta_rad: number;
+  u_m: number;
+  v_m: number;
+}
+
+/** The same cloth in a component of a view and in the shape: what fixes the component's place. */
+export interface ClothPairs {
+  shape_uv_m: any[];
+  new_uv_m: any[];
+  shape_xyz_m: any[];
+  new_xyz_m: any[];
 }
 
 /** Pairs of the same cloth, evenly chosen, and the statistics of all pairs. */
-export interface ClothPairs {
+export interface ShownPairs {
   total: number;
   median_mm: number;
   nine_tenths_mm: number;

@@ -1,6 +1,15 @@
 // What this browser keeps: light or dark, as the system until the operator chooses (viser's frame gets the same);
 // and switches of the page.
 
+/** Where it keeps that; null where it forbids to keep anything, as for some files. */
+const kept = (() => {
+  try {
+    return localStorage;
+  } catch {
+    return null;
+  }
+})();
+
 /** A switch that is kept. */
 export class KeptSwitch {
   constructor(/** @type {string} */ name, usual = false) {
@@ -9,11 +18,11 @@ export class KeptSwitch {
   }
 
   get on() {
-    return (localStorage.getItem(this.name) ?? (this.usual ? "yes" : "no")) === "yes";
+    return (kept?.getItem(this.name) ?? (this.usual ? "yes" : "no")) === "yes";
   }
 
   set on(on) {
-    localStorage.setItem(this.name, on ? "yes" : "no");
+    kept?.setItem(this.name, on ? "yes" : "no");
   }
 
   toggle() {
@@ -23,18 +32,18 @@ export class KeptSwitch {
 
 const STORED = "flatcloth-theme";
 const system = matchMedia("(prefers-color-scheme: dark)");
+let chosen = kept?.getItem(STORED) ?? ""; // nothing: as the system
 const listeners = /** @type {((dark: boolean) => void)[]} */ ([]);
 
-export const isDark = () => (localStorage.getItem(STORED) ?? (system.matches ? "dark" : "light")) === "dark";
+export const chosenTheme = () => chosen;
+
+export const isDark = () => (chosen || (system.matches ? "dark" : "light")) === "dark";
 
 export const onTheme = (/** @type {(dark: boolean) => void} */ listener) => listeners.push(listener);
 
-/** What the operator chose; nothing: as the system. */
-export const chosenTheme = () => localStorage.getItem(STORED) ?? "";
-
 export function setTheme(/** @type {string} */ name) {
-  if (name) localStorage.setItem(STORED, name);
-  else localStorage.removeItem(STORED);
+  chosen = name;
+  kept?.setItem(STORED, name);
   applyTheme();
 }
 

@@ -102,7 +102,7 @@ export class Toolbar extends PagePart {
       key: "increment",
       change: ({ target }) => {
         const [step_mm, step_deg] = STEPS[Number(target.value)] ?? [];
-        page.send({ type: "set", step_mm, step_deg });
+        page.send({ type: "set", values: { step_mm, step_deg } });
       },
     });
     const opacity = slider([0, 1, 0.05], page.comparison.opacity, {
@@ -119,9 +119,9 @@ export class Toolbar extends PagePart {
 }
 
 function showSteps(/** @type {HTMLElement} */ select, /** @type {State["settings"]} */ { step_mm, step_deg }) {
-  const now = STEPS.findIndex(([mm, deg]) => mm === step_mm.value && deg === step_deg.value);
-  const options = [...STEPS, ...(now < 0 ? [[step_mm.value, step_deg.value]] : [])];
-  rebuild(select, [step_mm.value, step_deg.value], () =>
+  const now = STEPS.findIndex(([mm, deg]) => mm === step_mm && deg === step_deg);
+  const options = [...STEPS, ...(now < 0 ? [[step_mm, step_deg]] : [])];
+  rebuild(select, [step_mm, step_deg], () =>
     optionsOf(
       options.map(([mm, deg], i) => [i, `${mm} mm · ${deg}°`]),
       now < 0 ? STEPS.length : now,

@@ -41,10 +41,10 @@ declare global {
   type Measured = M.Measured;
   type GarmentPreview = M.GarmentPreview;
   type Found = M.ResultInfo;
-  type Left = M.LeftOutView;
+  type Left = M.LeftOut;
   type Known = M.DiagnosticsInfo;
-  type ZLine = M.LineInfo;
-  type Pairs = M.ClothPairs;
+  type ZLine = M.ZAngleLine;
+  type Pairs = M.ShownPairs;
   type Seen = M.SeenView;
   type SeenViews = M.SeenViews;
   type ItemBox = M.ItemBox;

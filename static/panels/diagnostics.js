@@ -8,6 +8,7 @@ import { byId, make, rebuild, setText, taken, tickBox, within } from "../page/do
 import { degrees, number } from "../page/format.js";
 import { ClothPairs } from "./cloth_pairs.js";
 import { columns, inside, rows, Sheet } from "../teaching/draw.js";
+import { symbols } from "../teaching/frame.js";
 import { Plot } from "../teaching/plot.js";
 
 /** @typedef {"current" | "new"} Side */
@@ -124,18 +125,20 @@ export class Diagnostics extends PagePart {
   }
 
   showFacts(/** @type {Known} */ k) {
-    setText(this.trouble, this.showsPairs ? "" : k.trouble);
+    setText(this.trouble, this.showsPairs ? "" : k.reasons.trouble);
     this.plotCanvas.setAttribute("aria-label", this.showsPairs ? HISTOGRAMS : CURVES);
     if (this.showsPairs) return setText(this.facts, this.pairs.facts);
     const name = (/** @type {number} */ view) =>
       `view ${view} (${number(this.page.state.views[view].angle_deg, 0)}°)`;
+    const { reasons: found } = k;
+    const lines = found.correspondence;
     const facts = [
-      `Continues ${name(k.front_view)} on the ${k.side}, turned by A = ${degrees(k.turn_deg, 0)}`,
-      `S_0 ${number(k.overlap_cm2, 0)} cm² at u_b = ${number(k.u_b_mm, 0)} mm`,
-      `A_0 = ${degrees(k.a_0_deg)}, so the paper would turn by ${degrees(k.rotation_deg, 0)}`,
-      k.lines ? `A_m = ${degrees(k.lines.a_m_deg)}, points at height ${number(k.lines.height_mm, 0)} mm` : null,
+      `Continues ${name(found.front_view)} on the ${found.side}, turned by A = ${degrees(found.turn_deg, 0)}`,
+      `S_0 ${number(k.overlap_cm2, 0)} cm² at u_b = ${number(1000 * found.u_b_m, 0)} mm`,
+      `A_0 = ${degrees(found.a_0_deg)}, so the paper would turn by ${degrees(found.rotation_deg, 0)}`,
+      lines && `A_m = ${degrees(lines.a_m_deg)}, points at height ${number(1000 * lines.height_m, 0)} mm`,
     ];
-    this.facts.replaceChildren(...withSubscripts(facts.filter(Boolean).join(" · ")));
+    this.facts.replaceChildren(...symbols(facts.filter(Boolean).join(" · ")));
   }
 
   // --- the curves ------------------------------------------------------------------------------
@@ -147,8 +150,9 @@ export class Diagnostics extends PagePart {
     if (!this.known) return;
     if (this.showsPairs) return this.pairs.drawPlots(rect);
     const { known } = this;
-    const { limit_deg: limit, turn_deg: turn } = known;
-    const measured = PLOTS.flatMap((of) => known[of].a_z_deg).filter((x) => x !== null);
+    const { limit_deg: limit, reasons } = known;
+    const turn = reasons.turn_deg;
+    const measured = PLOTS.flatMap((of) => curvesOf(known, of).a).filter((x) => x !== null);
     const all = [-limit, limit, -limit - turn, limit - turn, ...measured];
     this.angles = [30 * Math.floor((Math.min(...all) - 4) / 30), 30 * Math.ceil((Math.max(...all) + 4) / 30)];
     const split = rect.w > 1.3 * rect.h ? columns : rows;
@@ -158,9 +162,12 @@ export class Diagnostics extends PagePart {
   drawPlot(/** @type {Side} */ of, /** @type {Rect} */ place, /** @type {Known} */ k) {
     const { sheet } = this;
     const { color } = sheet;
-    const { u_mm: u, h, a_z_deg: a } = k[of];
-    const turn = of === "new" ? k.turn_deg : 0;
-    const inner = sheet.titled(place, of === "new" ? `New: view ${k.view_index}` : `Shape, at view ${k.front_view}`);
+    const { u, h, a } = curvesOf(k, of);
+    const { reasons, limit_deg } = k;
+    const lines = reasons.correspondence;
+    const turn = of === "new" ? reasons.turn_deg : 0;
+    const title = of === "new" ? `New: view ${reasons.view_index}` : `Shape, at view ${reasons.front_view}`;
+    const inner = sheet.titled(place, title);
     const most = Math.max(1, ...h);
     /** @type {UV} */
     const ends = u.length ? [u[0], u[u.length - 1]] : [0, 1];
@@ -177,18 +184,19 @@ export class Diagnostics extends PagePart {
     this.plots[of] = plot;
     plot.area(u, h, color.count, 0, u.length - 1, plot.y2, 0.14);
     plot.curve(u, h, color.count, { scale: plot.y2, width: 1.5 });
-    if (k.lines) plot.band(...k.lines.common_range_deg, color.soft, 0.18);
-    for (const limit of [-k.limit_deg, k.limit_deg])
-      plot.horizontal(limit - turn, color.limit, limit > 0 ? "A_w" : "");
+    if (lines) plot.band(...lines.common_range_deg, color.soft, 0.18);
+    for (const limit of [-limit_deg, limit_deg]) plot.horizontal(limit - turn, color.limit, limit > 0 ? "A_w" : "");
     const shifted = (/** @type {number} */ by) => a.map((x) => (x === null ? NaN : x - by));
     if (turn) plot.curve(u, shifted(0), color.before, { width: 1.2, dash: [4, 3] });
     plot.curve(u, shifted(turn), color.mean);
-    if (k.lines) plot.horizontal(k.lines.a_m_deg, color.band, "A_m", [2, 3]);
-    if (of === "current" && k.u_b_mm !== null) {
-      const b = nearest(u, k.u_b_mm);
-      plot.area(u, h, color.accent, k.side === "left" ? 0 : b, k.side === "left" ? b : u.length - 1, plot.y2, 0.2);
-      plot.vertical(k.u_b_mm, color.accent, "u_b", 1.5, [], true);
-      const [x, y] = plot.at(k.u_b_mm, k.a_0_deg ?? NaN);
+    if (lines) plot.horizontal(lines.a_m_deg, color.band, "A_m", [2, 3]);
+    if (of === "current" && reasons.u_b_m !== null) {
+      const end = 1000 * reasons.u_b_m;
+      const b = nearest(u, end);
+      const isLeft = reasons.side === "left";
+      plot.area(u, h, color.accent, isLeft ? 0 : b, isLeft ? b : u.length - 1, plot.y2, 0.2);
+      plot.vertical(end, color.accent, "u_b", 1.5, [], true);
+      const [x, y] = plot.at(end, reasons.a_0_deg ?? NaN);
       sheet.ring([x, y], 4, color.accent, 2);
       sheet.text("A_0", x + 7, y - 5, { color: color.accent, weight: 600, plate: true });
     }
@@ -204,13 +212,13 @@ export class Diagnostics extends PagePart {
     const texts = PLOTS.flatMap((of) => {
       const x = marked[of];
       if (x === undefined) return [];
-      const { u_mm: u, h, a_z_deg: a, pixel_size_mm } = known[of];
+      const { u, h, a, pixelMm } = curvesOf(known, of);
       const at = nearest(u, x);
-      const off = at < 0 || Math.abs(u[at] - x) > pixel_size_mm;
+      const off = at < 0 || Math.abs(u[at] - x) > pixelMm;
       const values = off ? "no cloth" : `h ${h[at]} px, A_z ${degrees(a[at])}`;
       return [`${of === "new" ? "New" : "Shape"} u ${number(x, 0)} mm: ${values}`];
     });
-    this.column.replaceChildren(...withSubscripts(texts.join("  ·  ")));
+    this.column.replaceChildren(...symbols(texts.join("  ·  ")));
     this.draw();
     this.canvas.redraw();
   }
@@ -239,7 +247,7 @@ export class Diagnostics extends PagePart {
     if (!step || !this.known || this.showsPairs) return;
     taken(event); // here the arrows move the column, not the proposal
     const of = PLOTS.find((name) => this.marked[name] !== undefined) ?? "current";
-    const { u_mm: u } = this.known[of];
+    const { u } = curvesOf(this.known, of);
     const marked = this.marked[of];
     const at = marked === undefined ? 0 : nearest(u, marked) + step * (event.shiftKey ? 10 : 1);
     this.mark({ [of]: u[within(at, 0, u.length - 1)] });
@@ -250,8 +258,8 @@ export class Diagnostics extends PagePart {
     if (!this.open || !this.known) return;
     if (this.showsPairs) return this.markPair(this.pairs.nearest(at));
     if (!at) return this.mark({});
-    const front = applied(this.known.front_from_current, at.u_m, at.v_m);
-    const own = unapplied(this.known.current_from_new, at.u_m, at.v_m);
+    const front = applied(motionOf(this.known.reasons.front_from_current), at.u_m, at.v_m);
+    const own = unapplied(motionOf(this.known.reasons.current_from_new), at.u_m, at.v_m);
     this.mark({ current: 1000 * front[0], new: 1000 * own[0] });
   }
 
@@ -259,16 +267,16 @@ export class Diagnostics extends PagePart {
 
   drawOver(/** @type {Context} */ context) {
     if (!this.open || this.panel.hidden || !this.known) return;
-    const k = this.known;
+    const { correspondence: lines, front_from_current: front, current_from_new: own } = this.known.reasons;
     /** @type {Record<Side, (u: number, v: number) => UV>} */
     const toPlane = {
-      current: (u, v) => unapplied(k.front_from_current, u, v),
-      new: (u, v) => applied(k.current_from_new, u, v),
+      current: (u, v) => unapplied(motionOf(front), u, v),
+      new: (u, v) => applied(motionOf(own), u, v),
     };
     if (this.showsPairs) return this.pairs.paint(context);
-    if (k.lines) {
-      this.paintLine(context, k.lines.current, (u, v) => [u, v], this.sheet.color.kept);
-      this.paintLine(context, k.lines.new, toPlane.new, this.sheet.color.new);
+    if (lines) {
+      this.paintLine(context, lines.current, (u, v) => [u, v], this.sheet.color.kept);
+      this.paintLine(context, lines.new, toPlane.new, this.sheet.color.new);
     }
     for (const of of PLOTS) {
       const u_mm = this.marked[of];
@@ -289,8 +297,8 @@ export class Diagnostics extends PagePart {
   paintLine(context, line, place, color) {
     context.fillStyle = color;
     context.globalAlpha = 0.55;
-    for (const uv of line.pixels_uv_m) {
-      const { x, y } = this.at(place(...uv));
+    for (const [u, v] of line.pixels_uv_m) {
+      const { x, y } = this.at(place(u, v));
       context.fillRect(x - 1, y - 1, 2, 2);
     }
     context.globalAlpha = 1;
@@ -299,13 +307,19 @@ export class Diagnostics extends PagePart {
     const along = line.pixels_uv_m.map(([u, v]) => (u - cu) * du + (v - cv) * dv);
     const ends = [Math.min(...along), Math.max(...along)].map((t) => this.at(place(cu + t * du, cv + t * dv)));
     strokeLine(context, ends, color, 2.5);
-    drawDot(context, this.at(place(...line.point_uv_m)), color, 6);
+    drawDot(context, this.at(place(line.point_uv_m[0], line.point_uv_m[1])), color, 6);
   }
 }
 
-/** A text in which A_z is set as A with a small z. */
-const withSubscripts = (/** @type {string} */ text) =>
-  text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((part, i) => (i % 2 ? make("sub", part) : part));
+/** Curves as they are plotted: columns in mm, h and A_z. @param {Known} known @param {Side} of */
+function curvesOf({ reasons }, of) {
+  const curves = of === "new" ? reasons.new_curves : reasons.curves;
+  const { u_m, column_count: h, column_mean_z_angle_deg: a, pixel_size_m } = curves;
+  return { u: u_m.map((u) => 1000 * u), h, a, pixelMm: 1000 * pixel_size_m };
+}
+
+/** @param {import("../page/messages").Rigid2} motion @returns {Motion} */
+const motionOf = ({ theta_rad, u_m, v_m }) => [theta_rad, u_m, v_m];
 
 /** The index of the value nearest to x in an even sequence, -1 if it is empty. */
 function nearest(/** @type {Numbers} */ values, /** @type {number} */ x) {

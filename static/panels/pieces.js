@@ -5,9 +5,8 @@ import { PagePart } from "../page/page.js";
 import { drawLabel, strokeLoop } from "../canvas/marks.js";
 import { applied, boxOf, boxOfPoints, cornersOf, inBox } from "../canvas/geometry.js";
 import { drawPieces } from "../canvas/pieces.js";
-import { percent } from "../garment/lists.js";
 import { byId, make, rebuild, smallButton, swatch, within } from "../page/dom.js";
-import { cm2, count, floatingOf, mm } from "../page/format.js";
+import { cm2, count, floatingOf, mm, percent } from "../page/format.js";
 
 const CLICK_PX = 4;
 const SAMPLE_M = 0.004; // between places at which an overlap is looked for
@@ -95,10 +94,9 @@ export class PiecesPanel extends PagePart {
     if (!place) return piece.placed ? make("p.note", "Placed by the garment.") : null;
     /** @param {string} title @param {boolean} accepted @param {string} tip */
     const button = (title, accepted, tip) =>
-      smallButton(title, () => this.page.send({ type: "decide_piece", label: piece.label, accepted }), {
+      this.page.decision(title, { type: "decide_piece", label: piece.label, accepted }, tip, false, {
         label: `${title}: piece ${piece.label}`,
         key: `garment-${piece.label}-${accepted}`,
-        tip: `${tip}\nUndo takes it back.`,
       });
     const text = `By the garment: ${percent(place.probability)}, ± ${mm(place.std_mm, 0)}`;
     const accept = button("Place there", true, "It becomes part of the shape that is shown, where it is outlined.");

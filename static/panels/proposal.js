@@ -41,7 +41,7 @@ export class ProposalPanel extends PagePart {
   /** Whether Accept may go ahead: a place below the limit asks for a second press, and says why. */
   mayAccept(/** @type {State} */ state) {
     const { pending, settings } = state;
-    const limit = settings.auto_threshold.value;
+    const limit = settings.auto_threshold;
     const place = this.placeOf(state);
     if (!pending || pending.score === null || this.armed === place) return true;
     if (pending.joins ?? pending.score >= limit) return true;
@@ -70,7 +70,7 @@ function showProposal(state, send, show) {
   const { pending, layers } = state;
   byId("proposal").hidden = !pending;
   if (!pending) return;
-  const limit = state.settings.auto_threshold.value;
+  const limit = state.settings.auto_threshold;
   const { nudge } = pending;
   const view = `view ${pending.view_index} (${number(state.views[pending.view_index].angle_deg, 0)}°)`;
   rebuild(byId("proposal-values"), [pending, limit, layers?.revision], () => [

@@ -6,23 +6,22 @@ import { byId, choice, make, numberBox, rebuild, smallButton, tickBox } from "..
 import { number } from "../page/format.js";
 import { chosenTheme, setTheme } from "../page/theme.js";
 
-/** @type {import("../page/messages").Choice} a setting that this browser keeps */
+/** @typedef {import("../page/messages").Setting} Setting */
+
+/** A setting that this browser keeps. @type {Setting} */
 const THEME = {
   name: "theme",
   title: "Theme",
   description: "Of this browser; all else is kept with the session.",
-  value: "",
   default: "",
-  options: [
-    ["", "As the system"],
-    ["light", "Light"],
-    ["dark", "Dark"],
-  ],
+  low: null,
+  high: null,
+  step: null,
+  options: { "": "As the system", light: "Light", dark: "Dark" },
 };
 
 export class SettingsSheet extends PagePart {
   name = "settings";
-  settings = /** @type {Partial<State["settings"]>} */ ({});
   actions = { settings: () => this.open() };
 
   constructor(/** @type {Page} */ page) {
@@ -34,8 +33,7 @@ export class SettingsSheet extends PagePart {
     });
   }
 
-  update(/** @type {State} */ state) {
-    this.settings = state.settings;
+  update() {
     if (byId("settings").open) this.show();
   }
 
@@ -46,52 +44,35 @@ export class SettingsSheet extends PagePart {
   }
 
   show() {
-    const rows = Object.values(this.settings).filter(({ name }) => !name.startsWith("show_")); // those Look has
-    const theme = chosenTheme();
-    byId("settings-reset").setAttribute("aria-disabled", String(!theme && rows.every((s) => s.value === s.default)));
-    /** @type {import("../page/messages").Choice} */
-    const themes = { ...THEME, value: theme };
-    rebuild(byId("settings-body"), [rows, theme], () => [
-      ...rows.map((s) => this.row(s, (next) => this.page.send({ type: "set", [s.name]: next }))),
-      this.row(themes, (name) => {
+    const { settings, settings_rows } = this.page.state;
+    const rows = settings_rows.filter(({ name }) => !name.startsWith("show_")); // those Look has
+    /** @type {Record<string, unknown>} */
+    const values = { ...settings, theme: chosenTheme() };
+    const isUsual = [...rows, THEME].every((row) => values[row.name] === row.default);
+    byId("settings-reset").setAttribute("aria-disabled", String(isUsual));
+    rebuild(byId("settings-body"), [rows, values], () => [
+      ...rows.map((row) =>
+        this.row(row, values[row.name], (next) => this.page.send({ type: "set", values: { [row.name]: next } })),
+      ),
+      this.row(THEME, values.theme, (name) => {
         setTheme(String(name));
         this.show();
       }),
     ]);
   }
 
-  /** @param {State["settings"][keyof State["settings"]]} setting @param {(next: unknown) => unknown} set */
-  row(setting, set) {
-    const { name, title, description, value } = setting;
+  /** @param {Setting} row @param {unknown} value @param {(next: boolean | number | string) => unknown} set */
+  row(row, value, set) {
+    const { name, title, description, options, default: usual } = row;
     const id = `setting-${name}`;
-    const about = { id, key: id, "aria-describedby": `${id}-about` };
-    const field =
-      "options" in setting
-        ? choice(
-            setting.options.map(([value, words]) => [value, words]),
-            setting.value,
-            { ...about, change: ({ target }) => set(target.value) },
-          )
-        : "low" in setting
-          ? numberBox(setting, setting.value, {
-              ...about,
-              change: ({ target: box }) =>
-                box.validity.rangeOverflow || box.validity.rangeUnderflow || !box.value
-                  ? (box.value = String(value))
-                  : set(box.valueAsNumber),
-            })
-          : tickBox(setting.value, set, about);
-    const options = "options" in setting ? setting.options : [];
-    const usual = options.find(([of]) => of === setting.default)?.[1] ?? textOf(setting.default);
-    const reset = () => set(setting.default);
-    const tip = `Reset: default: ${usual}`;
+    const tip = `Reset: default: ${options[String(usual)] ?? textOf(usual)}`;
     return [
       make("label", { for: id }, title),
-      field,
+      control(row, value, set, { id, key: id, "aria-describedby": `${id}-about` }),
       make(
         "span",
-        value !== setting.default &&
-          smallButton("Reset", reset, { key: `${id}-reset`, tip, label: `Reset ${title}` }),
+        value !== usual &&
+          smallButton("Reset", () => set(usual), { key: `${id}-reset`, tip, label: `Reset ${title}` }),
       ),
       make("p.note", { id: `${id}-about` }, description),
     ];
@@ -118,6 +99,24 @@ export class SettingsSheet extends PagePart {
       ),
     );
   }
+}
+
+/**
+ * What a setting is changed by.
+ * @param {Setting} row @param {unknown} value @param {(next: boolean | number | string) => unknown} set
+ * @param {{ id?: string; key: string; label?: string; "aria-describedby"?: string }} about
+ */
+export function control(row, value, set, about) {
+  if (typeof value === "boolean") return tickBox(value, set, about);
+  if (typeof value === "string")
+    return choice(Object.entries(row.options), value, { ...about, change: ({ target }) => set(target.value) });
+  return numberBox(row, Number(value), {
+    ...about,
+    change: ({ target: box }) =>
+      box.validity.rangeOverflow || box.validity.rangeUnderflow || !box.value
+        ? (box.value = String(value))
+        : set(box.valueAsNumber),
+  });
 }
 
 /** @returns {string} */

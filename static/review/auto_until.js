@@ -1,7 +1,8 @@
 // How far Auto runs, as one choice: all views, until a view adds little, or this many; under the button of Auto.
 
 import { PagePart } from "../page/page.js";
-import { buttonOf, byId, find, make, numberBox, placeBeside, rebuild, staysIn, taken } from "../page/dom.js";
+import { buttonOf, byId, find, make, placeBeside, rebuild, staysIn, taken } from "../page/dom.js";
+import { control } from "../panels/settings.js";
 
 export class AutoUntil extends PagePart {
   name = "autoUntil";
@@ -23,19 +24,19 @@ export class AutoUntil extends PagePart {
 
   update(/** @type {State} */ state) {
     const { auto_until: until, auto_least_cm2: least, auto_views: views } = state.settings;
-    rebuild(this.menu, [until.value, least.value, views.value, state.auto.running], () => [
+    rebuild(this.menu, [until, least, views, state.auto.running], () => [
       make("p.note", "Auto goes on"),
       this.row("all", "until no view adds cloth"),
-      this.row("area", "until a view adds less than", this.box(least), "cm²"),
-      this.row("views", "until the shape has", this.box(views), "views"),
+      this.row("area", "until a view adds less than", this.box("auto_least_cm2", "area"), "cm²"),
+      this.row("views", "until the shape has", this.box("auto_views", "views"), "views"),
       make("button.button.primary", { type: "submit", key: "auto-run" }, state.auto.running ? "Close" : "Run"),
     ]);
   }
 
   /** @param {"all" | "area" | "views"} value @param {...Child} words */
   row(value, ...words) {
-    const set = () => this.page.send({ type: "set", auto_until: value });
-    const checked = this.page.state.settings.auto_until.value === value;
+    const set = () => this.page.send({ type: "set", values: { auto_until: value } });
+    const checked = this.page.state.settings.auto_until === value;
     return make(
       "label.field",
       make("input", { type: "radio", name: "auto-until", value, checked, key: `until-${value}`, change: set }),
@@ -43,16 +44,13 @@ export class AutoUntil extends PagePart {
     );
   }
 
-  box(/** @type {State["settings"]["auto_views"]} */ setting) {
-    const until = setting.name === "auto_views" ? "views" : "area";
-    return numberBox(setting, setting.value, {
-      key: setting.name,
-      label: setting.title,
-      change: ({ target }) => {
-        if (!target.value || !target.checkValidity()) target.value = String(setting.value);
-        else this.page.send({ type: "set", auto_until: until, [setting.name]: target.valueAsNumber });
-      },
-    });
+  /** @param {"auto_least_cm2" | "auto_views"} name @param {string} until what it belongs to */
+  box(name, until) {
+    const { settings, settings_rows: rows } = this.page.state;
+    const row = /** @type {import("../page/messages").Setting} */ (rows.find((one) => one.name === name));
+    const set = (/** @type {unknown} */ next) =>
+      this.page.send({ type: "set", values: { auto_until: until, [name]: Number(next) } });
+    return control(row, settings[name], set, { key: name, label: row.title });
   }
 
   open() {
@@ -76,9 +74,5 @@ export class AutoUntil extends PagePart {
     if (event.key !== "Escape") return event.stopPropagation();
     this.close();
     taken(event);
-  }
-
-  get status() {
-    return { open: !this.menu.hidden };
   }
 }

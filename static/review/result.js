@@ -4,22 +4,28 @@ import { PagePart } from "../page/page.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
 import { exportButton, showExports } from "../page/exports.js";
+import { addressOf } from "../joints/panel.js";
 import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
 import { doubtsOf, flagsOf } from "./timeline.js";
 
 const MOST = 4; // of each list
 const LEAST_CM2 = 1; // less is not worth a line
+const CM2 = 1e4; // in a square metre
 
 export class ResultPanel extends PagePart {
   name = "result";
   section = byId("result");
   asked = false; // open, though the integration has not ended
   closed = /** @type {string | null} */ (null); // the end for which it was closed
-  found = /** @type {Found | null} */ (null); // the server's answer
-  loading = 0; // the revision that was asked for
+  /** @type {Fetched<Found>} */
+  fetched = new Fetched(askJson, () => this.page.changed());
   /** @type {Fetched<import("../page/messages").JointsInfo>} */
   joints = new Fetched(askJson, () => this.page.changed());
   actions = { result: () => this.toggle() };
+
+  get found() {
+    return this.fetched.value;
+  }
 
   get pressed() {
     return { result: !this.section.hidden };
@@ -44,8 +50,8 @@ export class ResultPanel extends PagePart {
     const { layers } = this.page.thisSide; // the result is that of this side; the other one follows below
     this.section.hidden = !state.review || !layers || Boolean(state.pending) || !(ended || this.asked);
     if (this.section.hidden || !layers) return;
-    if (this.loading !== layers.revision) this.load(layers.revision);
-    this.joints.want(`joints/${layers.revision}.json`);
+    this.fetched.want(`review/result.json?revision=${layers.revision}`);
+    this.joints.want(addressOf(this.page.thisSide));
     const found = this.found?.revision === layers.revision ? this.found : null;
     rebuild(
       this.section,
@@ -54,56 +60,36 @@ export class ResultPanel extends PagePart {
     );
   }
 
-  async load(/** @type {number} */ revision) {
-    this.loading = revision;
-    const found = /** @type {Found | null} */ (await askJson("review/result.json"));
-    this.found = found ?? {
-      revision,
-      trouble: "The result cannot be had now; the next decision asks again.",
-      median_std_mm: null,
-      reliable_share: null,
-      wrong: [],
-      left_out: [],
-      more: null,
-    };
-    if (this.found.revision !== this.loading) this.loading = 0; // a newer picture is on its way
-    this.page.changed();
-  }
-
   /** @param {State} state @param {NonNullable<State["layers"]>} layers @param {Found | null} found */
   build(state, layers, found) {
     const finished = endedBy(state);
     const { pieces, area_cm2: floating } = floatingOf(layers);
     const letters = pieces.map((piece) => piece.label).join(", ");
+    const result = found?.result;
+    const { firm_share: reliable, placement_std_median_mm: std } = result?.uncertainty ?? {};
     return [
       heading(
         finished === null ? "Result so far" : "Result",
         closeButton("Close the result", () => this.toggle(), { key: "close-result" }),
       ),
-      found?.wrong.length &&
-        make("p.note.warn", { role: "alert" }, `Something about this recording is wrong: ${found.wrong.join("; ")}.`),
+      result?.wrong.length &&
+        make(
+          "p.note.warn",
+          { role: "alert" },
+          `Something about this recording is wrong: ${result.wrong.join("; ")}.`,
+        ),
       this.sideDoubt(state),
       this.jointDoubt(),
       values(
         ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
         state.other?.layers && ["Other side", otherSide(state.other), "Cloth of the other side, and what joins it"],
         floating && ["Floating", `${cm2(floating)} (${letters})`, "Cloth that no view connects to the shape yet"],
-        found &&
-          found.reliable_share !== null && [
-            "Reliable",
-            percent(found.reliable_share),
-            "Share of the shape placed to 10 mm or better",
-          ],
-        found &&
-          found.median_std_mm !== null && [
-            "Uncertainty",
-            mm(found.median_std_mm),
-            "Median standard deviation of a pixel's place",
-          ],
+        reliable !== undefined && ["Reliable", percent(reliable), "Share of the shape placed to 10 mm or better"],
+        std !== undefined && ["Uncertainty", mm(std), "Median standard deviation of a pixel's place"],
       ),
       !found && make("p.note", { role: "status" }, "Looking for what was left out …"),
       found?.trouble && make("p.note", found.trouble),
-      found && !found.trouble && [this.leftOut(found), found.more && this.more(found.more, state)],
+      result && [this.leftOut(result.left_out), this.more(result.more, state)],
       this.toReview(state),
       this.exports(state),
     ];
@@ -133,12 +119,11 @@ export class ResultPanel extends PagePart {
     );
   }
 
-  leftOut(/** @type {Found} */ found) {
-    const total = found.left_out.reduce((sum, left) => sum + left.area_cm2, 0);
-    const large = found.left_out.filter((left) => left.area_cm2 >= LEAST_CM2);
+  leftOut(/** @type {Left[]} */ every) {
+    const large = every.filter((left) => CM2 * left.area_m2 >= LEAST_CM2);
     const reasons = [...new Set(large.map((left) => left.reason))];
     return [
-      make("h3", "Seen but left out", make("span", cm2(total))),
+      make("h3", "Seen but left out", make("span", cm2(areaOf(every)))),
       ...reasons.flatMap((reason) => this.leftFor(reason, large)),
       reasons.length ? null : make("p.note", "None: the result has all the cloth that its views show."),
     ];
@@ -147,30 +132,29 @@ export class ResultPanel extends PagePart {
   /** Cloth left out for one reason, and the views that show it. */
   leftFor(/** @type {string} */ reason, /** @type {Left[]} */ every) {
     const these = every.filter((left) => left.reason === reason);
-    const area = these.reduce((sum, left) => sum + left.area_cm2, 0);
     return [
-      make("p.note", `${cm2(area)}: ${reason}`),
+      make("p.note", `${cm2(areaOf(these))}: ${reason}`),
       make(
         "div.chips",
-        ...these.slice(0, MOST).map(({ view_index: view, area_cm2 }) => {
-          return this.page.turnTo(view, `left-${view}`, `View ${view}: ${number(area_cm2, 0)}`);
+        ...these.slice(0, MOST).map(({ view_index: view, area_m2 }) => {
+          return this.page.turnTo(view, `left-${view}`, `View ${view}: ${number(CM2 * area_m2, 0)}`);
         }),
       ),
     ];
   }
 
-  more(/** @type {NonNullable<Found["more"]>} */ { expected, share, reason }, /** @type {State} */ state) {
-    const open = expected.filter(({ view_index }) => state.views[view_index].why_not === null);
-    const likely = (/** @type {number} */ area) => cm2(share === null ? area : share * area);
-    const best = open.slice(0, 3).filter(({ area_cm2 }) => (share ?? 1) * area_cm2 >= LEAST_CM2);
+  more(/** @type {import("../page/messages").More} */ { expected, share, reason }, /** @type {State} */ state) {
+    const open = expected.filter(([view]) => state.views[view].why_not === null);
+    const likely = (/** @type {number} */ area) => CM2 * (share ?? 1) * area;
+    const best = open.slice(0, 3).filter(([, area]) => likely(area) >= LEAST_CM2);
     return [
       make("h3", "Another view"),
       !best.length && make("p.note", reason || "None would add a square centimetre."),
       make(
         "ul",
-        ...best.map(({ view_index, area_cm2 }) =>
-          this.link(view_index, `more-${view_index}`, `up to ${likely(area_cm2)}`, "", () =>
-            this.page.verdicts.propose(this.page.state.views[view_index]),
+        ...best.map(([view, area]) =>
+          this.link(view, `more-${view}`, `up to ${cm2(likely(area))}`, "", () =>
+            this.page.verdicts.propose(this.page.state.views[view]),
           ),
         ),
       ),
@@ -239,6 +223,8 @@ const endedBy = (/** @type {State} */ { active, phase, finished, auto }) =>
       : phase === "ready" && auto.ended
         ? auto.ended
         : null;
+
+const areaOf = (/** @type {Left[]} */ every) => CM2 * every.reduce((sum, left) => sum + left.area_m2, 0);
 
 /** The other side in a few words. */
 function otherSide(/** @type {NonNullable<State["other"]>} */ { layers, is_related, reliable_share }) {

@@ -1,7 +1,7 @@
 // The views of the recording in a row: what was decided, in which order, with which score; dragging along it
 // turns the item.
 
-import { byId, focusOn, make, rebuild, setCurrent, taken, within } from "../page/dom.js";
+import { byId, make, rebuild, setCurrent, taken, targetOf } from "../page/dom.js";
 import { number } from "../page/format.js";
 
 export const STATES = {
@@ -9,7 +9,7 @@ export const STATES = {
   accepted: ["✓", "accepted"],
   fixed: ["✎", "accepted, placed by hand"],
   rejected: ["✕", "rejected"],
-  skipped: ["»", "skipped"],
+  skipped: ["»", "skipped, comes again"],
   later: ["…", "accepted, waits to follow"],
   pending: ["?", "proposed"],
   unused: ["", "not used"],
@@ -38,7 +38,7 @@ export class Timeline {
     this.row.addEventListener("pointerdown", (event) => (this.from = event.button === 0 ? event.clientX : null));
     this.row.addEventListener("pointermove", (event) => this.drag(event));
     this.row.addEventListener("click", (event) => this.dragged && taken(event), true);
-    this.row.addEventListener("keydown", (event) => this.key(event));
+    this.row.addEventListener("roved", (event) => this.roved(targetOf(event)));
     for (const end of ["pointerup", "pointercancel"]) window.addEventListener(end, () => this.end());
   }
 
@@ -59,7 +59,7 @@ export class Timeline {
   cell(/** @type {ViewRow} */ view, /** @type {State} */ state) {
     const [sign] = STATES[view.state];
     const decided = DECIDED.includes(view.state);
-    const about = aboutView(view, state);
+    const about = `View ${view.index}, ${number(view.angle_deg, 0)}°: ${described(view, state)}`;
     const labelled = state.capture ? null : this.page.brush?.thumbsOf(view.index);
     const shown = (isFlattened(view) || labelled) && state.review && !this.listed;
     return make(
@@ -70,8 +70,7 @@ export class Timeline {
         label: about,
         key: `view-${view.index}`,
         tip: about + whatAPressDoes(view, state),
-        // One stop of Tab, from which the arrow keys go on; while they move a proposal, each view is one.
-        tabindex: state.pending || view.index === (state.present_view ?? 0) ? 0 : -1,
+        tabindex: view.index === (state.present_view ?? 0) ? 0 : -1, // page/roving.js: one stop of Tab
         click: () => this.choose(view),
       },
       shown && make("span.pair", ...this.pictures(view, state, labelled)),
@@ -116,20 +115,9 @@ export class Timeline {
     setTimeout(() => (this.dragged = false)); // after the click that ends a drag
   }
 
-  /** Arrow keys go from view to view and turn the item, unless they move a proposal. */
-  key(/** @type {KeyboardEvent} */ event) {
-    const { state } = this.page;
-    const by = { ArrowLeft: -1, ArrowRight: 1, Home: -1e9, End: 1e9 }[event.key];
-    if (!by || state?.pending || this.page.hasCamera) return;
-    const next = within(
-      this.cells.findIndex((cell) => cell === document.activeElement) + by,
-      0,
-      this.cells.length - 1,
-    );
-    taken(event);
-    focusOn(this.cells[next]);
-    this.cells[next].scrollIntoView({ block: "nearest", inline: "nearest" });
-    this.turnTo(next);
+  /** The arrow keys go from view to view and turn the item, unless a proposal is looked at. */
+  roved(/** @type {HTMLElement} */ cell) {
+    if (!this.page.state?.pending && !this.page.hasCamera) this.turnTo(this.cells.indexOf(cell));
   }
 
   turnTo(/** @type {number} */ index) {
@@ -199,30 +187,25 @@ export const scoreBar = (/** @type {number | null} */ score, /** @type {boolean}
 
 export const added = (/** @type {number} */ cm2) => `${cm2 < 0 ? "" : "+"}${number(cm2, 0)}`;
 
-/** Flags in words. @param {string[]} flags @param {State} state */
-const inWords = (flags, state) => flags.map((flag) => state.review?.flags[flag] ?? flag);
-
-/** The flags of a view in words. @param {ViewRow} view @param {State} state */
-export const flagsOf = (view, state) => inWords(view.flags ?? [], state);
+/** Flags of a view in words. @param {ViewRow} view @param {State} state */
+export const flagsOf = (view, state, flags = view.flags ?? []) =>
+  flags.map((flag) => state.review?.flags[flag] ?? flag);
 
 /** The flags that ask for a look: that a view was placed by hand is no doubt about it. */
 export const doubtsOf = (/** @type {ViewRow} */ view) => (view.flags ?? []).filter((flag) => flag !== "by_hand");
-/** @param {ViewRow} view @param {State} state */
-export const doubtsInWords = (view, state) => inWords(doubtsOf(view), state);
 
-/** A view in words, for its tooltip and for screen readers. */
-function aboutView(/** @type {ViewRow} */ view, /** @type {State} */ state) {
+/** What was decided about a view, in words. */
+export function described(/** @type {ViewRow} */ view, /** @type {State} */ state) {
   const [, word] = STATES[view.state];
-  const detail = view.detail ? ` (${view.detail})` : "";
-  const flags = doubtsInWords(view, state);
+  const flags = flagsOf(view, state, doubtsOf(view));
   const parts = [
-    word + detail,
-    view.order ? `number ${view.order}` : "",
-    view.score === null || view.score === undefined ? "" : `score ${number(view.score, 2)}`,
-    view.added_cm2 === null || view.added_cm2 === undefined ? "" : `added ${number(view.added_cm2, 0)} cm²`,
-    flags.length ? `flagged: ${flags.join(", ")}` : "",
+    word + (view.detail ? ` (${view.detail})` : ""),
+    view.order && `number ${view.order}`,
+    typeof view.score === "number" && `score ${number(view.score, 2)}`,
+    typeof view.added_cm2 === "number" && `added ${number(view.added_cm2, 0)} cm²`,
+    flags.length > 0 && `flagged: ${flags.join(", ")}`,
   ];
-  return `View ${view.index}, ${number(view.angle_deg, 0)}°: ${parts.filter(Boolean).join(", ")}`;
+  return parts.filter(Boolean).join(", ");
 }
 
 function whatAPressDoes(/** @type {ViewRow} */ view, /** @type {State} */ state) {

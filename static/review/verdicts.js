@@ -1,8 +1,8 @@
 // Deciding on the timeline: a card about each decided view, from which it is reopened, and jumps between views.
 
 import { button, byId, find, focusOn, make, placeBeside, staysIn, taken } from "../page/dom.js";
-import { cm2, count, keyName, number } from "../page/format.js";
-import { ACCEPTED, DECIDED, doubtsInWords } from "./timeline.js";
+import { count, keyName, number } from "../page/format.js";
+import { ACCEPTED, DECIDED, described } from "./timeline.js";
 
 const WAITING = ["pending", "later", "skipped"];
 
@@ -90,23 +90,13 @@ export class Verdicts {
     close.append(make("kbd", "Esc"));
     this.card.replaceChildren(
       make("h2#view-card-title", `View ${view.index}, ${number(view.angle_deg, 0)}°`),
-      make("p", aboutView(view)),
-      ...this.flags(view),
+      make("p", `${described(view, this.page.state)}.`),
       ...(view.follows && view.state !== "later" ? [make("p.note", followers(view.follows))] : []),
       make("div.group", main, close),
     );
     this.card.hidden = false;
     placeBeside(this.card, cellOf(view).getBoundingClientRect());
     find("button", this.card).focus();
-  }
-
-  /** Why it is flagged, and what it really added. */
-  flags(/** @type {ViewRow} */ view) {
-    const flags = doubtsInWords(view, this.page.state);
-    return [
-      ...(view.order && view.added_cm2 !== null ? [`It added ${cm2(view.added_cm2)}.`] : []),
-      ...(flags.length ? [`⚑ Flagged: ${flags.join(", ")}.`] : []),
-    ].map((text) => make("p.note", text));
   }
 
   close() {
@@ -126,22 +116,4 @@ export class Verdicts {
 const cellOf = (/** @type {ViewRow} */ view) => find(`[data-id="view-${view.index}"]`);
 
 const followers = (/** @type {number} */ n) =>
-  n === 1
-    ? "1 view was accepted after it, and follows what you decide."
-    : `${count(n, "view")} were accepted after it, and follow what you decide.`;
-
-function aboutView(/** @type {ViewRow} */ view) {
-  const score = view.score === null ? "" : `, score ${number(view.score, 2)}`;
-  switch (view.state) {
-    case "accepted":
-      return `Accepted${score}.`;
-    case "fixed":
-      return `Accepted, placed by hand${score}.`;
-    case "rejected":
-      return `Rejected: ${view.detail}.`;
-    case "skipped":
-      return "Skipped. It comes again when the shape has grown or the others are done.";
-    default:
-      return `Accepted before${score}. It follows once what comes before it is decided.`;
-  }
-}
+  `${count(n, "view")} accepted after it follow${n === 1 ? "s" : ""} what you decide.`;

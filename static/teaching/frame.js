@@ -30,27 +30,40 @@ const CODE = {
   ...SEAM_STAGES,
   ...RECORDING_STAGES,
 };
-const [frame, ...said] = await Promise.all(
-  ["teaching", "paper", "beyond"].map(async (name) => {
-    const html = await (await fetch(`static/teaching/${name}.html`)).text();
-    return new DOMParser().parseFromString(html, "text/html");
-  }),
-);
-export const FRAME = document.adoptNode(find("#teaching", frame));
-find("dl", FRAME).before(...said.flatMap(({ body }) => [...body.children]));
+export const FRAME = make("section#teaching.teaching", {
+  role: "dialog",
+  "aria-modal": "true",
+  "aria-labelledby": "teaching-title",
+  tabindex: "-1",
+});
+export const STAGES = /** @type {Stage[]} */ ([]);
 
-export const STAGES = findAll("[data-stage]", FRAME).map((about) => {
+/** Fetch the frame and what its stages say; before the teaching mode is made. */
+export async function loadFrame() {
+  if (STAGES.length) return;
+  const [frame, ...said] = await Promise.all(
+    ["teaching", "paper", "beyond"].map(async (name) => {
+      const html = await (await fetch(`static/teaching/${name}.html`)).text();
+      return new DOMParser().parseFromString(html, "text/html");
+    }),
+  );
+  FRAME.append(...frame.body.children);
+  find("dl", FRAME).before(...said.flatMap(({ body }) => [...body.children]));
+  STAGES.push(...findAll("[data-stage]", FRAME).map(stageOf));
+  addEventListener("resize", fitMath);
+}
+
+/** @returns {Stage} */
+function stageOf(/** @type {HTMLElement} */ about) {
   const { stage, part, parameters } = about.dataset;
-  /** @type {Stage} */
-  const made = {
+  return {
     about,
     name: find("h3", about).textContent ?? "",
     part: /** @type {PartName} */ (part),
     parameters: /** @type {ParameterName[]} */ (parameters?.split(" ") ?? []),
     ...CODE[stage ?? ""],
   };
-  return made;
-});
+}
 
 /** An action of the page's table. @param {Teaching} mode @param {string} name */
 export const action = (mode, name) => /** @type {ActionRow} */ (mode.session.actions().find((a) => a.name === name));
@@ -108,8 +121,6 @@ export function fitMath() {
   if (box.scrollWidth > box.clientWidth)
     box.style.setProperty("--fit", String(Math.max(0.6, (0.98 * box.clientWidth) / box.scrollWidth)));
 }
-
-addEventListener("resize", fitMath);
 
 /**
  * The layers of a stage that has several to show: those of which the lesson has a picture.

@@ -229,8 +229,8 @@ class Tab:
     def ready(self) -> Tab:
         """Wait until the start view is drawn, also in the scene; then no step is made unasked."""
         self.until("flatcloth.layerRevision > 0 && flatcloth.phase === 'ready'")
-        self.page.evaluate("flatcloth.send({type: 'set', advance: false})")
-        self.until("!flatcloth.state.settings.advance.value")
+        self.page.evaluate("flatcloth.send({type: 'set', values: {advance: false}})")
+        self.until("!flatcloth.state.settings.advance")
         if self.has_scene:
             self.scene_shows("/live/cloud")
         return self

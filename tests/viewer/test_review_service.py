@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -21,6 +20,7 @@ from flatcloth.session.machine import Accepted, Document
 from flatcloth.viewer.modes import review
 from flatcloth.viewer.modes.review import ReviewService
 from flatcloth.viewer.protocol.state import ViewRow
+from flatcloth.viewer.worker import Executor
 
 GARMENTS = cast("GarmentService", SimpleNamespace(last=None))
 
@@ -44,7 +44,7 @@ def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(review, "result_of", result_of)
     integration = cast("Integration", SimpleNamespace(accept_score=0.5, axis=AXIS))
     shown: list[Any] = []
-    service = ReviewService(integration, None, GARMENTS, lambda: shown[-1], lambda _job: None, lambda: None)
+    service = ReviewService(integration, None, GARMENTS, lambda: shown[-1], Executor(print), lambda: None)
     client = RouteClient(service.routes())
     for revision, document in enumerate(documents):
         shown.append(SimpleNamespace(revision=revision, document=document))
@@ -53,9 +53,8 @@ def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_view_accepted_against_the_check_stays_flagged_though_its_score_has_risen() -> None:
-    jobs: list[Callable[[], None]] = []
     integration = cast("Integration", SimpleNamespace(accept_score=0.5, axis=AXIS))
-    service = ReviewService(integration, None, GARMENTS, lambda: None, jobs.append, lambda: None)
+    service = ReviewService(integration, None, GARMENTS, lambda: None, Executor(print), lambda: None)
     accepted = (Accepted(3, Rigid2(), score=0.9), Accepted(1, Rigid2(), score=0.9, fixed=True))
     document = Document(start_view=0, accepted=accepted)
     rows = tuple(ViewRow(index=index, angle_deg=0.0, state="accepted") for index in range(4))
@@ -67,4 +66,3 @@ def test_a_view_accepted_against_the_check_stays_flagged_though_its_score_has_ri
     assert told() == [(0, False, ()), (2, False, ("by_hand",)), (None, False, ()), (1, False, ())]
     service._flags = Flags(0.5, frozenset({3}))
     assert told()[3] == (1, True, ("overridden",))
-    assert jobs == []

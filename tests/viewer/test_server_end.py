@@ -11,8 +11,6 @@ import urllib.request
 import pytest
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import Route
 
 from flatcloth.viewer import http
 from flatcloth.viewer.server.limits import limited_server
@@ -23,16 +21,13 @@ def test_an_answer_that_is_still_computed_ends_in_words_and_no_traceback(
 ) -> None:
     begun, enough, told = threading.Event(), threading.Event(), []
 
-    def compute() -> bytes:
+    def compute(_request: Request) -> bytes:
         begun.set()
         enough.wait(20)
         return b"late"
 
-    async def slow(_request: Request) -> Response:
-        return await http.made(compute)
-
     listening = socket.create_server(("127.0.0.1", 0))
-    server = limited_server(Starlette(routes=[Route("/slow", slow)]))
+    server = limited_server(Starlette(routes=[http.get("/slow", compute)]))
     serving = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
     serving.start()
 

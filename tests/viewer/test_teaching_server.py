@@ -25,6 +25,7 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import Teaching
 from flatcloth.viewer.http import REFUSALS
 from flatcloth.viewer.modes.teaching import PARTS, TeachingRoutes
+from flatcloth.viewer.worker import Executor
 
 CLOTH = {"angles_deg": tuple(10.0 * n for n in range(36)), "span_deg": (-150.0, 60.0)}
 DTYPES = {"int8": 1, "uint8": 1, "int16": 2, "int32": 4, "float32": 4}
@@ -40,9 +41,9 @@ def integration():
 
 @pytest.fixture(scope="module")
 def routes(integration):
-    routes = TeachingRoutes(integration)
-    yield routes
-    routes.stop()
+    executor = Executor(lambda job: job())
+    yield TeachingRoutes(integration, executor)
+    executor.stop()
 
 
 class Page:
@@ -180,9 +181,8 @@ def test_without_a_start_view_it_is_the_papers(page):
 def test_the_sliders_reach_the_sessions_own_values():
     config = Integration(Cylinder(**CLOTH)).config
     config = replace(config, planning=replace(config.planning, z_angle_limit_deg=80.0, overlap_area_m2=0.004))
-    routes = TeachingRoutes(Integration(Cylinder(**CLOTH), config))
+    routes = TeachingRoutes(Integration(Cylinder(**CLOTH), config), Executor(lambda job: job()))
     values, _ = lesson(Page(routes), "flattening", start_view=0)
-    routes.stop()
     assert values["sliders"]["z_angle_limit_deg"]["high"] == 80.0
     assert values["sliders"]["overlap_cm2"]["low"] == 40.0
 
@@ -227,9 +227,8 @@ class Plate:
 
 
 def test_the_sides_without_masks_are_shown_with_their_evidence():
-    routes = TeachingRoutes(Integration(Plate()))
+    routes = TeachingRoutes(Integration(Plate()), Executor(lambda job: job()))
     values, body = lesson(Page(routes), "sides")
-    routes.stop()
     assert values["kind"] == "sides"
     assert_whole(values, body)
     assert set(values["cut_off_cm2"]) == {"gripper"}
@@ -249,9 +248,8 @@ def test_the_sides_without_masks_are_shown_with_their_evidence():
 
 
 def test_the_garment_is_explained_by_an_example_until_there_is_a_shape(integration):
-    routes = TeachingRoutes(integration)
+    routes = TeachingRoutes(integration, Executor(lambda job: job()))
     values, body = lesson(Page(routes), "garment", revision=3)
-    routes.stop()
     assert_whole(values, body)
     assert values["flat"] is None
     assert values["kinds"][0]["name"] == "tshirt"

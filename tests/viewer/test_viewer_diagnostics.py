@@ -29,23 +29,25 @@ def held():
     return SimpleNamespace(held=held, get=RouteClient(made.routes()).get)
 
 
-def test_the_page_is_told_curves_and_lines_in_its_units(held):
+def test_the_page_is_told_curves_and_lines(held):
     told = held.get("/diagnostics/3-7.json").json()
-    assert (told["view_index"], told["front_view"], told["side"]) == (1, 0, "left")
-    u, a_z = np.array(told["current"]["u_mm"]), np.array(told["current"]["a_z_deg"])
-    np.testing.assert_allclose(a_z, np.degrees(u / 150.0), atol=1.2)
-    assert np.diff(u) == pytest.approx(1000 * PIXEL_M)
-    assert told["lines"]["a_m_deg"] == pytest.approx(-15.0, abs=2.5)
-    assert told["current_from_new"] == [0.0, 0.012, -0.004]
     assert told["limit_deg"] == 50.0
+    told = told["reasons"]
+    assert (told["view_index"], told["front_view"], told["side"]) == (1, 0, "left")
+    curves = told["curves"]
+    u, a_z = np.array(curves["u_m"]), np.array(curves["column_mean_z_angle_deg"])
+    np.testing.assert_allclose(a_z, np.degrees(u / 0.150), atol=1.2)
+    assert np.diff(u) == pytest.approx(PIXEL_M)
+    assert told["correspondence"]["a_m_deg"] == pytest.approx(-15.0, abs=2.5)
+    assert told["current_from_new"] == {"theta_rad": 0.0, "u_m": 0.012, "v_m": -0.004}
     assert told["trouble"] == ""
 
 
 def test_what_cannot_be_computed_is_told_in_one_line(held):
     held.held.picture.document = proposed(4)
     told = held.get("/diagnostics/3-7.json").json()
-    assert told["lines"] is None
-    assert "no Z-angle in common" in told["trouble"]
+    assert told["reasons"]["correspondence"] is None
+    assert "no Z-angle in common" in told["reasons"]["trouble"]
     held.held.picture.overlay.revision = 8
     held.held.picture.document = SimpleNamespace(pending=None)
     failed = held.get("/diagnostics/3-8.json")
@@ -53,13 +55,7 @@ def test_what_cannot_be_computed_is_told_in_one_line(held):
     assert "\n" not in failed.text
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        "/diagnostics/2-7.json",
-        "/diagnostics/3-6.json",
-    ],
-)
+@pytest.mark.parametrize("path", ["/diagnostics/2-7.json", "/diagnostics/3-6.json"])
 def test_what_is_no_longer_shown_is_not_there(held, path):
     assert held.get(path).status_code == 410
     held.held.picture = None

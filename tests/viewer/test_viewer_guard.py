@@ -340,7 +340,7 @@ def test_a_request_that_never_ends_is_closed(server, monkeypatch):
     with open_socket(server) as tab:
         tab.recv(timeout=WAIT_S)
         time.sleep(0.6)
-        tab.send('{"type": "set", "follow": false}')
+        tab.send('{"type": "set", "values": {"follow": false}}')
         assert tab.recv(timeout=WAIT_S)
 
 

@@ -13,22 +13,20 @@ from flatcloth.engine.integration import Integration
 from flatcloth.session.machine import Document
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol.messages import StrokeImage
+from flatcloth.viewer.worker import Executor
 
 
 def test_a_stroke_beside_the_image_is_no_decision() -> None:
     integration = Integration(
         Cylinder(angles_deg=(0.0, 20.0), masks=False), segmenter=lambda _views, _progress: None
     )
-    sides = SideController(integration, lambda job: job(), lambda _changed: None)
-    try:
-        camera = integration.recording.intrinsics
-        for points in (((-5.0, 3.0),), ((3.0, camera.width + 9.0),), ((camera.height + 1.0, 3.0),)):
-            with pytest.raises(FlatclothError, match="outside the image of view 1"):
-                sides.decision(StrokeImage(side="this", view_index=1, points_rc=points, radius_m=0.01), None)
-        on = StrokeImage(side="this", view_index=1, points_rc=((-5.0, 3.0), (5.0, 3.0)), radius_m=0.01)
-        assert sides.decision(on, None).points_rc == on.points_rc
-    finally:
-        sides.stop()
+    sides = SideController(integration, Executor(lambda job: job()), lambda _changed: None)
+    camera = integration.recording.intrinsics
+    for points in (((-5.0, 3.0),), ((3.0, camera.width + 9.0),), ((camera.height + 1.0, 3.0),)):
+        with pytest.raises(FlatclothError, match="outside the image of view 1"):
+            sides.decision(StrokeImage(side="this", view_index=1, points_rc=points, radius_m=0.01), None)
+    on = StrokeImage(side="this", view_index=1, points_rc=((-5.0, 3.0), (5.0, 3.0)), radius_m=0.01)
+    assert sides.decision(on, None).points_rc == on.points_rc
 
 
 def test_the_cloud_of_the_first_view_is_shown_while_the_sides_are_looked_for() -> None:
@@ -39,7 +37,8 @@ def test_the_cloud_of_the_first_view_is_shown_while_the_sides_are_looked_for() -
         raise RuntimeError("not in this test")
 
     integration = Integration(Cylinder(angles_deg=(0.0, 20.0), masks=False), segmenter=observe)
-    sides = SideController(integration, lambda job: job(), lambda _changed: failed.set())
+    executor = Executor(lambda job: job())
+    sides = SideController(integration, executor, lambda _changed: failed.set())
     try:
         seen = threading.Event()
 
@@ -58,4 +57,4 @@ def test_the_cloud_of_the_first_view_is_shown_while_the_sides_are_looked_for() -
     finally:
         looking.set()
         assert failed.wait(10.0)
-        sides.stop()
+        executor.stop()

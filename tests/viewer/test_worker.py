@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 
 import pytest
 from page_tabs import WAIT_S
 
 from flatcloth.core.errors import CancelledError
-from flatcloth.viewer.worker import Worker, one_at_a_time
+from flatcloth.viewer.worker import Executor, Worker, one_at_a_time
 
 
 def test_nobody_waits_for_a_worker_that_is_to_stop() -> None:
@@ -31,6 +32,31 @@ def test_a_worker_goes_on_after_a_job_that_failed() -> None:
     worker.stop(5.0)
     assert done == [1]
     assert [type(fault) for fault in faults] == [ZeroDivisionError]
+
+
+def test_what_nobody_waits_for_begins_when_all_else_is_done_and_what_waits_is_dropped_at_the_end() -> None:
+    gate, order = threading.Event(), list[str]()
+    executor = Executor(lambda job: job())
+
+    def job(name: str) -> None:
+        gate.wait(WAIT_S)
+        order.append(name)
+
+    for lane in ("work", "garment", "ahead"):
+        executor.put(lane, partial(job, lane))
+    assert executor.result_of("repair", lambda: list(order), WAIT_S) == []  # lanes go on beside one another
+    gate.set()
+    assert executor.result_of("garment", lambda: list(order), WAIT_S)[2:] == ["garment"]
+    told: list[str] = []
+    executor.compute("work", lambda: str(1 / 0), told.append, "dividing")
+    executor.result_of("work", lambda: None, WAIT_S)
+    assert "while dividing: ZeroDivisionError" in told[0]
+    gate.clear()
+    executor.put("work", lambda: job("last"))
+    executor.put("work", lambda: job("never"))
+    threading.Timer(0.1, gate.set).start()
+    executor.stop()
+    assert "never" not in order
 
 
 def test_what_waits_ends_when_it_is_not_wanted_any_more_and_the_next_has_its_turn() -> None:

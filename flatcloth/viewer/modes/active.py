@@ -38,6 +38,8 @@ from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
 
+ANSWER_S = 60.0
+"""Longest time that a robot waits for a computation. Chosen: a view takes a few seconds."""
 STEPS_SHOWN = 6
 """Steps of the loop that the page shows. Chosen: what fits into the panel."""
 
@@ -103,7 +105,7 @@ class ActiveApplication(Application):
 
     def take_view(self, view: SeenView, answers: int | None = None) -> Taken:
         """Take a view that a robot sends; it is decided on the page."""
-        taken: Taken = self._work.result_of(lambda: self.loop.take(view, answers))
+        taken: Taken = self.executor.result_of("work", lambda: self.loop.take(view, answers), ANSWER_S)
         return taken
 
     # --- the application thread --------------------------------------------------------------
@@ -113,8 +115,8 @@ class ActiveApplication(Application):
             case messages.Capture(action="turned"):
                 self._turn()
             case messages.Aim(goal=goal):
-                self._work.later(
-                    functools.partial(self._aim, parse_goal(goal, 1e3 * self.loop.goal.within_m))
+                self.executor.put(
+                    "work", functools.partial(self._aim, parse_goal(goal, 1e3 * self.loop.goal.within_m))
                 )
             case _:
                 super()._take(client, message)
@@ -129,7 +131,7 @@ class ActiveApplication(Application):
         if isinstance(asked, End):
             raise IllegalDecisionError(f"The loop has ended. {asked.reason}")
         self._is_turning = True
-        self._work.later(functools.partial(self._look, self._eye, asked))
+        self.executor.put("work", functools.partial(self._look, self._eye, asked))
         self._publish()
 
     def propose_view(self, number: int) -> None:
@@ -148,10 +150,13 @@ class ActiveApplication(Application):
         if number is None or self._is_learning or self._state.phase in (Phase.COMPUTING, Phase.DECIDING):
             return
         self._is_learning = True
-        self._work.later(functools.partial(self._learn, number))
+        self.executor.put("work", functools.partial(self._learn, number))
 
     def _go_on(self) -> None:
         """Propose nothing after a verdict: the loop asks for the next view."""
+
+    def _look_ahead(self) -> None:
+        """Foresee nothing: the next view is still to be taken."""
 
     def _answered(self, answer: Answer) -> None:
         """Also let Auto go on after a view that cannot be placed: it is put off, as without a page."""
@@ -279,7 +284,7 @@ class ActiveApplication(Application):
         def show() -> None:
             if isinstance(self.loop.asked, End):
                 self._tell(None, "info", self.loop.asked.reason)
-                self._work.later(self._write)
+                self.executor.put("work", self._write)
             self._settle()
             self._publish()
 

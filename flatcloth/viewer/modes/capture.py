@@ -50,7 +50,6 @@ from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
 from flatcloth.viewer.protocol.state import CapturedView, CaptureStatus, PageState, ViewRow
 from flatcloth.viewer.scene.scene import Scene
-from flatcloth.viewer.worker import Worker
 
 _log = logging.getLogger(__name__)
 
@@ -117,7 +116,6 @@ class CaptureApplication(PageController):
         self._feed, self._settings = feed, settings
         self._state_at_s = 0.0
         self._shown: Shown | None = None
-        self._background = Worker("flatcloth-background")
         self._frames = LiveFrames(LiveFlattening(integration, feed).newest)
         self._lock = threading.Lock()
         self._guided: GuidedCapture | None = None
@@ -148,8 +146,7 @@ class CaptureApplication(PageController):
         """Stop the camera and all threads; kept views are on disk."""
         self._feed.stop(timeout_s=5.0)
         self._frames.stop()
-        self._front.stop(timeout_s=5.0)
-        self._background.stop(timeout_s=2.0)
+        super().stop()
         with self._lock:
             if self._guided is not None:
                 self._guided.close()
@@ -176,7 +173,7 @@ class CaptureApplication(PageController):
             self._sink.tell(None, self.status())
         if not self._busy.is_set() and self._frames.playing:
             self._busy.set()
-            self._background.put(lambda: self._look(frame, now_s))
+            self.executor.put("scene", lambda: self._look(frame, now_s))
 
     def _rate(self, now_s: float) -> float:
         """Count a frame, and return the frames per second of the last second."""
@@ -218,7 +215,7 @@ class CaptureApplication(PageController):
         """Check the views on disk once there are enough, and again whenever they have doubled."""
         if kept >= max(CHECKED_VIEWS, 2 * self._checked_views):
             self._checked_views = kept
-            self._background.put(self._check_kept)
+            self.executor.put("work", self._check_kept)
 
     def _check_kept(self) -> None:
         try:

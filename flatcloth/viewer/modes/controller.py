@@ -12,10 +12,10 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from msgspec import structs
 from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
@@ -29,6 +29,7 @@ from flatcloth.grasping.measuring import measure
 from flatcloth.rendering.layers import Appearance
 from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer import http
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
@@ -37,10 +38,10 @@ from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described
 from flatcloth.viewer.protocol.sent import UV, Note, NoteLevel
-from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
+from flatcloth.viewer.protocol.settings import Settings, SettingsStore, method_numbers
 from flatcloth.viewer.protocol.snapshot import PageStatus, layers_of_shape
 from flatcloth.viewer.protocol.state import PageState, RecordingInfo
-from flatcloth.viewer.worker import Worker
+from flatcloth.viewer.worker import Executor, Worker
 
 if TYPE_CHECKING:  # viser is loaded with the first source, and not at all for a robot without a page
     from flatcloth.viewer.scene.scene import Scene
@@ -88,6 +89,7 @@ class PageController(ABC):
         self._revision = 0
         self.last_state: PageState | None = None  # what was sent last
         self._front = Worker("flatcloth-session", self._recover)
+        self.executor = Executor(partial(self._put, None))
 
     # --- from any thread ---------------------------------------------------------------------
 
@@ -117,15 +119,16 @@ class PageController(ABC):
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this mode."""
-        return [numbers_route(self._integration.config)]
+        return [http.get("/settings/numbers.json", lambda _: method_numbers(self._integration.config))]
 
     @abstractmethod
     def start(self) -> None:
         """Start showing."""
 
-    @abstractmethod
     def stop(self) -> None:
         """Stop all threads."""
+        self._front.stop(timeout_s=5.0)
+        self.executor.stop()
 
     def receive(self, client: int, text: str) -> None:
         """Process a message of a tab; errors are returned as notifications."""
@@ -298,6 +301,16 @@ class PageController(ABC):
         x, y, z = map(float, pick.position_held_m)
         self._sink.tell(None, Picked(id=pick.id, position_held_m=(x, y, z), side=pick.side, uv_m=uv_m))
 
+    def _show_in_scene(self) -> None:
+        """Show the picture in 3D, unless another follows until the scene has time for it."""
+        picture = self.picture
+
+        def show() -> None:
+            if picture is self.picture:
+                self._scene_view.show(picture)
+
+        self.executor.put("scene", show)
+
     def _turn_to(self, view_index: int) -> None:
         angles_deg = self._integration.recording.angles_deg
         if not 0 <= view_index < len(angles_deg):
@@ -349,7 +362,8 @@ class PageController(ABC):
             pick=self._picks.current_info(picture),
             picks=self._picks.listed(picture),
             log=status.log,
-            settings=self._page_settings.table(),
+            settings=self._page_settings.now,
+            settings_rows=self._page_settings.rows,
             reject_reasons=REJECT_REASONS,
             **mode,
         )
@@ -382,10 +396,6 @@ class PageController(ABC):
             self._publish()
 
     def _set(self, message: messages.Set) -> None:
-        values = {k: v for k, v in structs.asdict(message).items() if k != "reset" and v is not None}
-        if message.reset:
-            self._page_settings.reset()
-        if values:
-            self._page_settings.change(**values)
+        self._page_settings.change(message.values, reset=message.reset)
         self._scene_view.arrange(self._page_settings.now)
         self._publish()

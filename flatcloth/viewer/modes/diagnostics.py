@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import astuple
+from dataclasses import replace
 
 import numpy as np
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
-from starlette.routing import BaseRoute, Route
+from starlette.routing import BaseRoute
 
 from flatcloth.engine.diagnostics import Reasons, reasons
 from flatcloth.engine.integration import Integration
-from flatcloth.methods.answers import ColumnCurves, ZAngleLine
+from flatcloth.methods.answers import ZAngleLine
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.viewer import http
-from flatcloth.viewer.protocol.answers import (
-    ClothPairs,
-    CurvesInfo,
-    DiagnosticsInfo,
-    LineInfo,
-    ZAngleLines,
-)
+from flatcloth.viewer.protocol.answers import DiagnosticsInfo, ShownPairs
 from flatcloth.viewer.protocol.picture import Picture
 
 _MOST_LINE_PIXELS = 1500
@@ -53,7 +46,7 @@ class DiagnosticsService:
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this service."""
         return [
-            Route("/diagnostics/{revision:int}-{overlay:int}.json", self._serve),
+            http.get("/diagnostics/{revision:int}-{overlay:int}.json", self._info, gone=_GONE),
         ]
 
     def _of(self, picture: Picture) -> Reasons:
@@ -65,64 +58,33 @@ class DiagnosticsService:
                 self._last = key, reasons(self._integration, picture.document)
             return self._last[1]
 
-    async def _serve(self, request: Request) -> Response:
+    def _info(self, request: Request) -> DiagnosticsInfo | None:
         key = request.path_params["revision"], request.path_params["overlay"]
         picture = self._picture()
         if picture is None or picture.overlay is None or (picture.revision, picture.overlay.revision) != key:
-            return PlainTextResponse(_GONE, status_code=410)
-
-        def make() -> DiagnosticsInfo:
-            found, config = self._of(picture), self._integration.planning
-            return diagnostics_info(
-                found, picture, limit_deg=config.z_angle_limit_deg, overlap_cm2=1e4 * config.overlap_area_m2
-            )
-
-        return await http.made(make)
+            return None
+        found, config = self._of(picture), self._integration.planning
+        return diagnostics_info(
+            found, picture, limit_deg=config.z_angle_limit_deg, overlap_cm2=1e4 * config.overlap_area_m2
+        )
 
 
 def diagnostics_info(
     found: Reasons, picture: Picture, *, limit_deg: float, overlap_cm2: float
 ) -> DiagnosticsInfo:
-    """Return the diagnostics for the page: mm and degrees for reading, metres for positions."""
+    """Return the diagnostics for the page: of lines and pairs a selection."""
     lines = found.correspondence
+    if lines is not None:
+        lines = replace(lines, current=_thinned(lines.current), new=_thinned(lines.new))
     return DiagnosticsInfo(
         limit_deg=limit_deg,
         overlap_cm2=overlap_cm2,
-        view_index=found.view_index,
-        side=found.side.value,
-        front_view=found.front_view,
-        turn_deg=found.turn_deg,
-        rotation_deg=found.rotation_deg,
-        u_b_mm=1e3 * found.u_b_m,
-        a_0_deg=found.a_0_deg,
-        current=_curves(found.curves),
-        new=_curves(found.new_curves),
-        lines=None
-        if lines is None
-        else ZAngleLines(
-            a_m_deg=lines.a_m_deg,
-            common_range_deg=lines.common_range_deg,
-            height_mm=1e3 * lines.height_m,
-            current=_line(lines.current),
-            new=_line(lines.new),
-        ),
-        trouble=found.trouble,
-        front_from_current=astuple(found.front_from_current),
-        current_from_new=astuple(found.current_from_new),
+        reasons=replace(found, correspondence=lines, pairs=None),
         pairs=_pairs(found, picture),
     )
 
 
-def _curves(curves: ColumnCurves) -> CurvesInfo:
-    return CurvesInfo(
-        u_mm=np.round(1e3 * curves.u_m, 2).tolist(),
-        h=curves.column_count.tolist(),
-        a_z_deg=np.round(curves.column_mean_z_angle_deg, 2).tolist(),
-        pixel_size_mm=1e3 * curves.pixel_size_m,
-    )
-
-
-def _pairs(found: Reasons, picture: Picture) -> ClothPairs | None:
+def _pairs(found: Reasons, picture: Picture) -> ShownPairs | None:
     """Return an even selection of the pairs of cloth on the sheet, and the shares of all pairs."""
     pairs, overlay, document = found.pairs, picture.overlay, picture.document
     if pairs is None or overlay is None or document is None or document.pending is None:
@@ -132,7 +94,7 @@ def _pairs(found: Reasons, picture: Picture) -> ClothPairs | None:
     chosen = np.unique(np.linspace(0, len(off_mm) - 1, min(len(off_mm), _MOST_PAIRS)).astype(int))
     shape = [sheet.shift(sheet.piece_on_plane(uv)).apply(uv).tolist() for uv in pairs.shape_uv_m[chosen]]
     apart_mm = 1e3 * pairs.apart_m
-    return ClothPairs(
+    return ShownPairs(
         total=len(off_mm),
         median_mm=float(np.median(off_mm)),
         nine_tenths_mm=float(np.percentile(off_mm, 90)),
@@ -148,11 +110,6 @@ def _pairs(found: Reasons, picture: Picture) -> ClothPairs | None:
     )
 
 
-def _line(line: ZAngleLine) -> LineInfo:
+def _thinned(line: ZAngleLine) -> ZAngleLine:
     step = max(1, -(-len(line.pixels_uv_m) // _MOST_LINE_PIXELS))
-    return LineInfo(
-        pixels_uv_m=np.round(line.pixels_uv_m[::step], 5).tolist(),
-        center_uv_m=line.center_uv_m.tolist(),
-        direction=line.direction.tolist(),
-        point_uv_m=line.point_uv_m.tolist(),
-    )
+    return replace(line, pixels_uv_m=line.pixels_uv_m[::step])

@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.deciding import link_decision, piece_decision
+from flatcloth.engine.garment.deciding import piece_decision
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, points_on_other_side
 from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
-from flatcloth.garments.deciding import decided, held_point, pixels_of_part, pulls_of, with_placed_cloth
+from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.kinds import known_kinds
-from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, is_offered, is_sure
 from flatcloth.methods.answers import Canonical
@@ -30,7 +29,7 @@ from flatcloth.viewer.protocol.answers import GarmentPreview, ServerMessage
 from flatcloth.viewer.protocol.garment import FoundGarment, GarmentInfo
 from flatcloth.viewer.protocol.picture import OtherSheet, outline_of
 from flatcloth.viewer.protocol.sent import NoteLevel, typed
-from flatcloth.viewer.worker import Worker, attempt
+from flatcloth.viewer.worker import Executor
 
 NOT_YET = "The garment is recognised once two views are integrated."
 
@@ -53,8 +52,8 @@ class GarmentController:
     ----------
     service : GarmentService
         Recognises garments.
-    put : callable
-        Runs a job on the application thread.
+    executor : Executor
+        Does the work.
     changed : callable
         Called on the application thread when the status has changed.
     tell : callable
@@ -71,27 +70,21 @@ class GarmentController:
     def __init__(
         self,
         service: GarmentService,
-        put: Callable[[Callable[[], None]], None],
+        executor: Executor,
         changed: Callable[[], None],
         tell: Callable[[int | None, ServerMessage], None],
         of_joint: Callable[[asked.DecideJoint], GarmentCommand],
         doubted: Callable[[], None],
         note: Callable[[NoteLevel, str], None],
     ) -> None:
-        self._service, self._put, self._changed, self._tell = service, put, changed, tell
+        self._service, self._executor, self._changed, self._tell = service, executor, changed, tell
         self._of_joint, self._doubted, self._note = of_joint, doubted, note
         self._doubt = 0.0
-        self._worker = Worker("flatcloth-garment")
         self._asked: Document | None = None
         self._answered: Document | None = None
         self._shown: Document | None = None
         self._previewed: tuple[int, int] | None = None
         self.status = GarmentStatus()
-
-    def stop(self) -> None:
-        """End the thread."""
-        self._asked = None  # recognitions that wait are dropped
-        self._worker.stop(timeout_s=2.0)
 
     # --- recognition --------------------------------------------------------------------------------
 
@@ -105,7 +98,12 @@ class GarmentController:
         self._shown = document
         if not busy and (self._asked is None or not _same(self._asked, document)):
             self._asked = document
-            self._worker.put(lambda: self._work(document))
+            self._executor.compute(
+                "garment",
+                lambda: self._work(document),
+                lambda made: self._take(document, made),
+                "recognising the garment",
+            )
         if self.status.working != self._is_outdated():
             self.status = replace(self.status, working=not self.status.working)
 
@@ -121,21 +119,16 @@ class GarmentController:
             return False
         return not _same(self._answered, self._shown)
 
-    def _work(self, document: Document) -> None:
+    def _work(self, document: Document) -> GarmentStatus:
         if self._asked is not document:
-            return  # the shape has changed since
+            raise CancelledError  # the shape has changed since
+        known = self._service.of(document)
+        return GarmentStatus(text="", known=known, shown=_found_garment(known))
 
-        def find() -> GarmentStatus:
-            known = self._service.of(document)
-            return GarmentStatus(text="", known=known, shown=_found_garment(known))
-
-        made = attempt(find, "recognising the garment")
-        status = GarmentStatus(text=made) if isinstance(made, str) else made
-        self._put(lambda: self._take(document, status))
-
-    def _take(self, document: Document, status: GarmentStatus) -> None:
+    def _take(self, document: Document, made: GarmentStatus | str) -> None:
         if self._asked is not document:
             return
+        status = GarmentStatus(text=made) if isinstance(made, str) else made
         self._answered = document
         self.status = replace(status, revision=self.status.revision + 1)
         self.status = replace(self.status, working=self._is_outdated())
@@ -186,8 +179,6 @@ class GarmentController:
                 return DecidePiece(
                     piece_decision(known.canonical, self._piece(known, label), accepted=accepted)
                 )
-            case asked.DecideLink(revision=revision, index=index, taken_off=taken_off):
-                return link_decision(known, self._link(known, revision, index), taken_off=taken_off)
         raise FlatclothError("This is no decision about the garment.")
 
     def _preview(self, client: int, message: asked.PreviewPoint, document: Document) -> None:
@@ -209,7 +200,7 @@ class GarmentController:
             preview = {"type": "garment_preview", "id": message.id, **drawn(found, known)}
             self._tell(client, typed(preview, GarmentPreview))
 
-        self._worker.put(work)
+        self._executor.put("repair", work)
 
     def seen_point(self, name: str, other: OtherSheet | None = None) -> tuple[float, float, SheetSide]:
         """Return the place of a named point on visible cloth, and the side that shows it.
@@ -238,18 +229,9 @@ class GarmentController:
             raise FlatclothError(self.status.text or NOT_YET)
         return self.status.known
 
-    def _link(self, known: KnownGarment, revision: int, index: int) -> DoubtedLink:
-        self._not_while_working()
-        if revision != self.status.revision or index >= len(known.links):
-            raise FlatclothError("This link is not doubted any more; look again.")
-        return known.links[index]
-
-    def _not_while_working(self) -> None:
+    def _piece(self, known: KnownGarment, label: str) -> Placed:
         if self.status.working:
             raise FlatclothError("The shape has changed, and its garment is being recognised; look again.")
-
-    def _piece(self, known: KnownGarment, label: str) -> Placed:
-        self._not_while_working()
         labels = _labels(known.canonical)
         piece = next((each for each in _shown(known) if labels[each.index] == label), None)
         if piece is None:
@@ -282,7 +264,6 @@ def _found_garment(known: KnownGarment) -> FoundGarment:
     values = {
         **summary(known),
         "pieces": _pieces(known) if found.kind != NONE else [],
-        "links": _links(known),
     }
     return typed(values, FoundGarment)
 
@@ -310,17 +291,6 @@ def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
         }
         for piece in _shown(known)
     ]
-
-
-def _links(known: KnownGarment) -> list[dict[str, Any]]:
-    """Return the links that no garment allows: their probability, and the outline of the part."""
-    view, cloth, found = known.canonical.view, known.cloth, []
-    for link in known.links:
-        assert cloth is not None, "links are doubted on known cloth"
-        outline = outline_of(replace(view, valid=pixels_of_part(view, cloth, link.part)))
-        area_cm2 = 1e4 * link.area_m2
-        found.append({"probability": link.probability, "area_cm2": area_cm2, "outline_uv_m": outline})
-    return found
 
 
 def _shown(known: KnownGarment) -> list[Placed]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import threading
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
@@ -11,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from msgspec import structs
 from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import BaseRoute, Route
+from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Float64, LaidPiece
@@ -30,7 +27,7 @@ from flatcloth.viewer.protocol.picture import OtherSheet, Picture, outline_of, t
 from flatcloth.viewer.protocol.sent import Legend, Progress, typed
 from flatcloth.viewer.protocol.snapshot import layers_of_other
 from flatcloth.viewer.protocol.state import OtherSideInfo
-from flatcloth.viewer.worker import Worker, attempt, one_at_a_time
+from flatcloth.viewer.worker import Executor, one_at_a_time
 
 NOT_ASKED = "The other side is not computed yet."
 _TELL_S = 0.4
@@ -54,8 +51,8 @@ class OtherSideController:
     ----------
     both : BothSides
         Integrates and joins the other side.
-    put : callable
-        Runs a job on the application thread.
+    executor : Executor
+        Does the work.
     made : callable
         Called on the application thread when another side is known, or none.
     changed : callable
@@ -65,14 +62,12 @@ class OtherSideController:
     def __init__(
         self,
         both: BothSides,
-        put: Callable[[Callable[[], None]], None],
+        executor: Executor,
         made: Callable[[], None],
         changed: Callable[[], None],
     ) -> None:
         self.both = both
-        self._put, self._made, self._changed = put, made, changed
-        self._worker = Worker("flatcloth-other-side")
-        self._stopped = threading.Event()
+        self._executor, self._made, self._changed = executor, made, changed
         self._asked: tuple[Hashable, ...] | None = None
         self._revision = 0
         self._told_at_s = 0.0
@@ -85,9 +80,8 @@ class OtherSideController:
         return self.both.integration.algorithm.joins_sides
 
     def stop(self) -> None:
-        """Cancel what is computed, and end the thread."""
-        self._stopped.set()
-        self._worker.stop(timeout_s=2.0)
+        """Cancel what is computed."""
+        self._asked = None
 
     def follow(self, picture: Picture | None, *, busy: bool) -> None:
         """Compute the other side of the shape of a picture, once it is wanted.
@@ -107,7 +101,12 @@ class OtherSideController:
             return
         self._asked = key
         self.status = replace(self.status, working=True, progress=None, text="")
-        self._worker.put(lambda: self._work(key, document, sheet))
+        self._executor.compute(
+            "other side",
+            lambda: self._work(key, document, sheet),
+            lambda made: self._take(key, made),
+            "computing the other side",
+        )
 
     def laid(self, document: Document) -> tuple[LaidPiece, ...]:
         """Return the floating pieces of a document's shape that seams join to it; from any thread."""
@@ -121,19 +120,21 @@ class OtherSideController:
 
     # --- the worker -----------------------------------------------------------------------------
 
-    def _work(self, key: tuple[Hashable, ...], document: Document, sheet: Sheet) -> None:
+    def _work(self, key: tuple[Hashable, ...], document: Document, sheet: Sheet) -> OtherSheet | str:
         def check() -> None:
-            if self._asked != key or self._stopped.is_set():
+            if self._asked != key:
                 raise CancelledError  # the shape has changed since, or another recording was opened
 
-        def make() -> OtherSheet | str:
-            with one_at_a_time(check):
-                sides = self.both.of(document, self._report, check=check)
-                return sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
+        def report(share: float, text: str) -> None:
+            check()
+            now_s = time.monotonic()
+            if now_s - self._told_at_s >= _TELL_S:
+                self._told_at_s = now_s
+                self._executor.on_page(lambda: self._progressed(Progress(share=share, text=text)))
 
-        with contextlib.suppress(CancelledError):
-            made = attempt(make, "computing the other side")
-            self._put(lambda: self._take(key, made))
+        with one_at_a_time(check):
+            sides = self.both.of(document, report, check=check)
+            return sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
 
     def _laid_out(self, key: Hashable, document: Document, sides: JoinedSides, this: Sheet) -> OtherSheet:
         integration = self.both.integration
@@ -150,14 +151,6 @@ class OtherSideController:
             sheet=sheet,
             legends=typed(found, dict[str, Legend]),
         )
-
-    def _report(self, share: float, text: str) -> None:
-        if self._stopped.is_set():
-            raise CancelledError
-        now_s = time.monotonic()
-        if now_s - self._told_at_s >= _TELL_S:
-            self._told_at_s = now_s
-            self._put(lambda: self._progressed(Progress(share=share, text=text)))
 
     def _progressed(self, progress: Progress) -> None:
         if self.status.working:
@@ -217,14 +210,12 @@ class OtherSideController:
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes: the outlines of both sides, and the places of their seams."""
-        return [
-            Route("/other/{revision:int}/places.json", self._places),
-        ]
+        return [http.get("/other/{revision:int}/places.json", self._places)]
 
-    async def _places(self, request: Request) -> Response:
+    def _places(self, request: Request) -> SidePlaces | None:
         made = self.status.made
-        known = made is not None and made.revision == request.path_params["revision"]
-        return await http.made(lambda: places_of(made) if known and made is not None else None)
+        is_known = made is not None and made.revision == request.path_params["revision"]
+        return places_of(made) if is_known and made is not None else None
 
 
 def seam_info(made: OtherSheet, seam: Seam) -> SeamInfo:

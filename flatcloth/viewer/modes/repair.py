@@ -21,7 +21,7 @@ from flatcloth.session.machine import Document, Nudge, Pending
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer, ServerMessage
 from flatcloth.viewer.protocol.picture import Overlay
-from flatcloth.viewer.worker import Worker, attempt
+from flatcloth.viewer.worker import Executor, attempt
 
 _STILL_MM = 0.05
 """Smaller motions are reported as none. Chosen: half of the last digit shown."""
@@ -36,19 +36,18 @@ class RepairService:
     ----------
     integration : Integration
         Computes the results.
+    executor : Executor
+        Does the work.
     tell : callable
         ``tell(client, message)`` sends a message to a tab.
     """
 
-    def __init__(self, integration: Integration, tell: Callable[[int, ServerMessage], None]) -> None:
-        self._integration, self._tell = integration, tell
+    def __init__(
+        self, integration: Integration, executor: Executor, tell: Callable[[int, ServerMessage], None]
+    ) -> None:
+        self._integration, self._executor, self._tell = integration, executor, tell
         self._wanted: dict[int, tuple[int, Document]] = {}
         self._lock = threading.Lock()
-        self._worker = Worker("flatcloth-repair")
-
-    def stop(self, timeout_s: float) -> None:
-        """Stop after the current computation."""
-        self._worker.stop(timeout_s)
 
     def preview(self, client: int, asked: messages.Preview, document: Document, by: Rigid2) -> None:
         """Send a tab the score of the proposal moved ``by``; replaces its previous request.
@@ -65,21 +64,11 @@ class RepairService:
             waiting = client in self._wanted
             self._wanted[client] = (asked.id, moved)
         if not waiting:
-            self._worker.put(lambda: self._answer(client))
+            self._executor.put("repair", lambda: self._answer(client))
 
-    def refine(
-        self, document: Document, done: Callable[[RefinedScore], None], failed: Callable[[str], None]
-    ) -> None:
-        """Refine the proposal from its present placement, and call back with the result."""
-
-        def work() -> None:
-            found = attempt(lambda: self._integration.refined_score(document), "refining")
-            if isinstance(found, str):
-                failed(found)
-            else:
-                done(found)
-
-        self._worker.put(work)
+    def refine(self, document: Document, take: Callable[[RefinedScore | str], None]) -> None:
+        """Refine the proposal from its present placement; ``take`` gets the result, or why there is none."""
+        self._executor.compute("repair", lambda: self._integration.refined_score(document), take, "refining")
 
     def _answer(self, client: int) -> None:
         with self._lock:

@@ -9,8 +9,7 @@ from collections.abc import Callable
 
 from msgspec import structs
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
-from starlette.routing import BaseRoute, Route
+from starlette.routing import BaseRoute
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
@@ -25,9 +24,10 @@ from flatcloth.rendering.thumbnails import jpeg_thumbnail, picture_thumbnail
 from flatcloth.session.machine import Accepted, Document
 from flatcloth.session.summary import keep_summary
 from flatcloth.viewer import http
-from flatcloth.viewer.protocol.answers import ExpectedArea, LeftOutView, MoreViews, ResultInfo
+from flatcloth.viewer.protocol.answers import ResultInfo
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.state import ReviewInfo, ViewRow
+from flatcloth.viewer.worker import Executor
 
 _log = logging.getLogger(__name__)
 
@@ -48,10 +48,10 @@ class ReviewService:
         Knows the garment that was recognised last.
     picture : callable
         Returns the present picture; called from any thread.
-    later : callable
-        Adds a job to the worker's queue.
+    executor : Executor
+        Does the work.
     changed : callable
-        Called from the worker when new data are known.
+        Called on the page's own thread when new data are known.
     """
 
     def __init__(
@@ -60,11 +60,11 @@ class ReviewService:
         folder: object,
         garments: GarmentService,
         picture: Callable[[], Picture | None],
-        later: Callable[[Callable[[], None]], None],
+        executor: Executor,
         changed: Callable[[], None],
     ) -> None:
         self._integration, self._folder, self._garments = integration, folder, garments
-        self._picture, self._later, self._changed = picture, later, changed
+        self._picture, self._executor, self._changed = picture, executor, changed
         self._areas = Areas(integration)
         self._flags = Flags(integration.accept_score)
         self._read: tuple[Accepted, ...] | None = None
@@ -78,9 +78,9 @@ class ReviewService:
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this service."""
         return [
-            Route("/review/{view:int}/color.jpg", self._color),
-            Route("/review/{view:int}/flat.png", self._flat),
-            Route("/review/result.json", self._result),
+            http.get("/review/{view:int}/color.jpg", self._color, "image/jpeg", kept=http.DAY),
+            http.get("/review/{view:int}/flat.png", self._flat, kept=http.DAY),
+            http.get("/review/result.json", lambda _: self._result()),
         ]
 
     def follow(self, picture: Picture) -> None:
@@ -90,14 +90,14 @@ class ReviewService:
             return
         if picture.sheet is not None:
             self._areas.note(document, picture.sheet.canonical)
-            self._later(self.keep_summary)
+            self._executor.put("review", self.keep_summary)
         with self._lock:
             self._document = document
             known = not self._areas.missing(document) and self._read == document.accepted
             begins = not self._working and not known
             self._working = self._working or begins
         if begins:
-            self._later(self._work)
+            self._executor.put("review", self._work)
 
     def keep_summary(self) -> None:
         """Keep how far the session is, for lists of sessions."""
@@ -109,8 +109,8 @@ class ReviewService:
             )
 
     def foresee(self, document: Document, done: Callable[[Document, float | None], None]) -> None:
-        """Look up what the next view is expected to add (m2); ``done`` is called on the worker."""
-        self._later(lambda: done(document, expected_next_m2(self._areas, document)))
+        """Look up what the next view is expected to add (m2); ``done`` is called on another thread."""
+        self._executor.put("work", lambda: done(document, expected_next_m2(self._areas, document)))
 
     def of_views(
         self, views: tuple[ViewRow, ...], document: Document
@@ -145,7 +145,7 @@ class ReviewService:
         document = self._document
         try:
             if document is not None and self._step(document):
-                self._later(self._work)
+                self._executor.put("review", self._work)
                 return
         except FlatclothError as error:
             _log.warning("the review is incomplete: %s", error)
@@ -153,7 +153,7 @@ class ReviewService:
             self._working = False
             news, self._news = self._news, False
         if news:
-            self._changed()
+            self._executor.on_page(self._changed)
 
     def _step(self, document: Document) -> bool:
         """Compute the next missing item; False if there is none."""
@@ -172,7 +172,7 @@ class ReviewService:
 
     # --- from the web server's threads -------------------------------------------------------
 
-    async def _color(self, request: Request) -> Response:
+    def _color(self, request: Request) -> bytes:
         integration = self._integration
 
         def make(view: int) -> bytes:
@@ -180,9 +180,9 @@ class ReviewService:
             where = item_mask(frame, integration.axis, integration.config.surface)
             return jpeg_thumbnail(frame.color, where)
 
-        return await self._thumb(request, "image/jpeg", make)
+        return self._thumb(request, "color", make)
 
-    async def _flat(self, request: Request) -> Response:
+    def _flat(self, request: Request) -> bytes:
         def make(view: int) -> bytes:
             try:
                 flattened = self._integration.views.part(view, 0)
@@ -190,19 +190,16 @@ class ReviewService:
                 return layers.png(picture_thumbnail(None))
             return layers.png(picture_thumbnail(flattened))
 
-        return await self._thumb(request, "image/png", make)
+        return self._thumb(request, "flat", make)
 
-    async def _thumb(self, request: Request, kind: str, make: Callable[[int], bytes]) -> Response:
+    def _thumb(self, request: Request, kind: str, make: Callable[[int], bytes]) -> bytes:
         view = request.path_params["view"]
         if view >= len(self._integration.recording):
-            return PlainTextResponse(f"View {view} does not exist.", status_code=404)
+            raise http.RefusedError(f"View {view} does not exist.", 404)
         key = kind, view, request.query_params.get("v", "")[:40]
-        return await http.made(lambda: self._thumbs.get(key, lambda: make(view)), kind, kept=http.DAY)
+        return self._thumbs.get(key, lambda: make(view))
 
-    async def _result(self, _request: Request) -> Response:
-        return await http.made(self._result_info)
-
-    def _result_info(self) -> ResultInfo:
+    def _result(self) -> ResultInfo:
         picture = self._picture()
         document = None if picture is None else picture.document
         if picture is None or document is None:
@@ -212,21 +209,4 @@ class ReviewService:
             found = self._results.get(key, lambda: result_of(self._areas, document))
         except FlatclothError as error:
             return ResultInfo(revision=picture.revision, trouble=str(error))
-        return ResultInfo(
-            revision=picture.revision,
-            median_std_mm=found.uncertainty.get("placement_std_median_mm"),
-            reliable_share=found.uncertainty.get("firm_share"),
-            wrong=list(found.wrong),
-            left_out=[
-                LeftOutView(view_index=left.view_index, area_cm2=1e4 * left.area_m2, reason=left.reason)
-                for left in found.left_out
-            ],
-            more=MoreViews(
-                reason=found.more.reason,
-                share=found.more.share,
-                expected=[
-                    ExpectedArea(view_index=view, area_cm2=1e4 * area_m2)
-                    for view, area_m2 in found.more.expected
-                ],
-            ),
-        )
+        return ResultInfo(revision=picture.revision, result=found)

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import structs
 from starlette.routing import BaseRoute
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
@@ -34,6 +34,7 @@ from flatcloth.session.machine import (
     Skip,
     Start,
     TakePart,
+    apply,
 )
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import auto
@@ -55,7 +56,6 @@ from flatcloth.viewer.protocol.sent import NoteLevel
 from flatcloth.viewer.protocol.snapshot import of_session
 from flatcloth.viewer.protocol.state import AutoInfo, PageState
 from flatcloth.viewer.scene.scene import Scene
-from flatcloth.viewer.worker import attempt
 
 _log = logging.getLogger(__name__)
 
@@ -82,27 +82,22 @@ class Application(PageController):
         self._expected: tuple[Document, float | None] | None = None
         self._joins: tuple[Document, bool] | None = None
         self._placing = session_work.Placing(ghosts=read_ghosts(getattr(folder, "folder", None)))
-        on_thread = partial(self._put, None)
-        self.other = OtherSideController(self._both, on_thread, self._other_made, self._publish)
+        executor = self.executor
+        self.other = OtherSideController(self._both, executor, self._other_made, self._publish)
         tell = partial(sink.tell, None)
-        self._work = SessionWork(integration, on_thread, self._answered, self._drawn, tell, self.other.laid)
-        self._repair = repair.RepairService(integration, sink.tell)
+        self._work = SessionWork(integration, executor, self._answered, self._drawn, tell, self.other.laid)
+        self._repair = repair.RepairService(integration, executor, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self.picture)
         self._review = ReviewService(
-            integration,
-            folder,
-            self.garments,
-            lambda: self.picture,
-            self._work.later,
-            lambda: self._put(None, self._publish),
+            integration, folder, self.garments, lambda: self.picture, executor, self._publish
         )
         self._sides = SideController(
-            integration, on_thread, lambda text: self._tell(None, "info", text) if text else self._publish()
+            integration, executor, lambda text: self._tell(None, "info", text) if text else self._publish()
         )
         self._joints = JointService(integration, self.garments, lambda: self.picture)
         note = partial(self._tell, None)
         self._garment = GarmentController(
-            self.garments, on_thread, self._publish, sink.tell, self._joints.decision, self._draw_again, note
+            self.garments, executor, self._publish, sink.tell, self._joints.decision, self._draw_again, note
         )
 
     @property
@@ -131,15 +126,11 @@ class Application(PageController):
         self._put(None, self._begin)
 
     def stop(self) -> None:
-        """Stop the running work and both threads; the journal keeps the session."""
+        """Stop the running work and all threads; the journal keeps the session."""
         self._put(None, self._work.cancel)
         self.other.stop()
-        self._front.stop(timeout_s=5.0)
+        super().stop()
         self._review.keep_summary()
-        self._work.stop()
-        self._repair.stop(timeout_s=2.0)
-        self._sides.stop()
-        self._garment.stop()
 
     # --- the application thread --------------------------------------------------------------
 
@@ -254,12 +245,12 @@ class Application(PageController):
         document = self._state.document
         repair.meant(document, view)
         self._repair.refine(
-            document,
-            done=lambda found: self._put(client, lambda: self._refined(client, document, found)),
-            failed=lambda text: self._put(client, lambda: self._tell(client, "error", text)),
+            document, lambda found: self._guarded(client, lambda: self._refined(client, document, found))
         )
 
-    def _refined(self, client: int, document: Document, found: RefinedScore) -> None:
+    def _refined(self, client: int, document: Document, found: RefinedScore | str) -> None:
+        if isinstance(found, str):
+            return self._tell(client, "error", found)
         pending = document.pending
         if pending is None or self._state.document is not document:
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
@@ -287,12 +278,13 @@ class Application(PageController):
         session_work.keep_axis(axis, self._folder)
         self._page_status = replace(self._page_status, auto=AutoInfo())
 
-        def work() -> None:
-            # Later jobs of the queue use the new axis.
-            text = session_work.turned_about(self._integration, axis)
-            self._put(None, lambda: self._turned_about(axis, text))
-
-        self._work.later(work)
+        # Later jobs of the lane use the new axis.
+        self.executor.compute(
+            "work",
+            lambda: session_work.turned_about(self._integration, axis),
+            lambda text: self._turned_about(axis, text),
+            "turning the axis",
+        )
 
     def _turned_about(self, axis: RotationAxis, text: str) -> None:
         self._picks.turn_about(axis)
@@ -320,6 +312,7 @@ class Application(PageController):
 
     def _settle(self) -> None:
         """Update the work, the picture, Auto and the tabs to the state."""
+        self._go_on()
         document = self._state.document
         self._sides.follow(document)
         self._work.follow(self._state)
@@ -329,18 +322,29 @@ class Application(PageController):
         self.other.follow(self.picture, busy=self._page_status.auto.is_busy)
         if document.start_view is None and self.picture is not None:
             self.picture = None
-            self._scene_view.show(None)
+            self._show_in_scene()
         self._publish()
         if self._page_status.auto.running:
             self._put(None, self._auto_step)
-        elif self._going_on and self._state.phase is not Phase.COMPUTING:
-            self._put(None, self._go_on)
+        else:
+            self._look_ahead()
 
     def _go_on(self) -> None:
         """Propose the next view after a verdict and its consequences, unless a request is open."""
-        if self._going_on and self._state.phase is Phase.READY:
+        if self._going_on and self._state.phase is Phase.READY and not self._page_status.auto.running:
             self._going_on = False
-            self._do(Propose())
+            self._folder.record(Propose())
+
+    def _look_ahead(self) -> None:
+        """Compute what follows if the proposal is accepted, while the operator looks at it."""
+        pending, picture = self._state.document.pending, self.picture
+        is_shown = picture is not None and picture.document is self._state.document
+        is_asked = self._state.phase is Phase.DECIDING and self._page_settings.now.advance
+        if pending is not None and is_shown and is_asked:
+            score = session_work.score_shown(picture, self._state.document)
+            accepted = apply(self._state, Accept(pending.view_index, score))
+            if accepted.phase is Phase.READY:
+                self._work.foresee(apply(accepted, Propose()))
 
     def _auto_step(self) -> None:
         running, settings = self._page_status.auto, self._page_settings.now
@@ -377,7 +381,7 @@ class Application(PageController):
             if made is not None and made.this is not picture.sheet:
                 self._work.forget_picture()  # both sides lay out this one, and its pieces
             self.picture = replace(picture, other=made)
-            self._scene_view.show(self.picture)
+            self._show_in_scene()
         self._garment.forget()  # one outline fits the edges of both sides
         self._settle()
 
@@ -446,20 +450,24 @@ class Application(PageController):
         # Until it is joined to this shape, the other side is shown as it was.
         picture = replace(picture, other=self.other.status.made)
         self.picture = picture
-        self._scene_view.show(picture)
+        self._show_in_scene()
         self._review.follow(picture)
         document = picture.document
         if document is not None and document.pending is not None and document.pending.moved:
-            self._work.later(lambda: self._find_out(document))
+            self.executor.compute(
+                "work",
+                lambda: self._joins_at(document),
+                lambda found: self._found_out(document, found),
+                "trying the placement",
+            )
 
-    def _find_out(self, document: Document) -> None:
-        """Find out, on the worker, whether a proposal that was moved by hand joins the shape."""
+    def _joins_at(self, document: Document) -> bool:
         if self._state.document is not document:
-            return  # it was moved on, or decided
-        found = attempt(lambda: session_work.joins(self._integration, document), "trying the placement")
-        if isinstance(found, bool):
-            self._put(None, lambda: self._found_out(document, joins=found))
+            raise CancelledError  # it was moved on, or decided
+        return session_work.joins(self._integration, document)
 
-    def _found_out(self, document: Document, *, joins: bool) -> None:
-        self._joins = document, joins
-        self._publish()
+    def _found_out(self, document: Document, joins: bool | str) -> None:
+        """Show whether a proposal that was moved by hand joins the shape."""
+        if isinstance(joins, bool):
+            self._joins = document, joins
+            self._publish()

@@ -1,4 +1,4 @@
-"""The computations of a session's page, on a thread of their own."""
+"""The computations of a session's page: answers to what it asks for, and its pictures."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
@@ -42,15 +43,13 @@ from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import Progress
 from flatcloth.viewer.protocol.snapshot import center_uv_m, placement_of
 from flatcloth.viewer.protocol.state import AxisInfo, GhostInfo, PendingInfo
-from flatcloth.viewer.worker import Worker, attempt
+from flatcloth.viewer.worker import Executor, attempt
 
 _log = logging.getLogger(__name__)
 
 
 T = TypeVar("T")
 
-ANSWER_S = 60.0
-"""Longest time that a program waits for a computation. Chosen: a view takes a few seconds."""
 PROGRESS_INTERVAL_S = 0.05
 """Interval between messages of progress. Chosen."""
 
@@ -70,7 +69,7 @@ class Answer:
 
 
 class SessionWork:
-    """Computes the answers and the pictures of a session on a thread of its own, one job at a time.
+    """Computes the answers and the pictures of a session, one job at a time.
 
     Its methods and the callbacks run on the application thread.
 
@@ -78,8 +77,8 @@ class SessionWork:
     ----------
     integration : Integration
         Does the computations.
-    put : callable
-        Runs a job on the application thread.
+    executor : Executor
+        Does the work.
     on_answer : callable
         Called with each :class:`Answer` to the present request.
     on_picture : callable
@@ -93,34 +92,23 @@ class SessionWork:
     def __init__(
         self,
         integration: Integration,
-        put: Callable[[Callable[[], None]], None],
+        executor: Executor,
         on_answer: Callable[[Answer], None],
         on_picture: Callable[[Picture | str], None],
         on_progress: Callable[[Progress], None],
         laid: Callable[[Document], Sequence[LaidPiece]] = lambda _document: (),
     ) -> None:
         self._laid = laid
-        self._integration, self._put = integration, put
+        self._integration, self._executor = integration, executor
         self._on_answer, self._on_picture, self._on_progress = on_answer, on_picture, on_progress
-        self._worker = Worker("flatcloth-work")
         self._running: tuple[Request, threading.Event] | None = None
         self._asked: Document | None = None
         self._reported_at_s = 0.0
-        # The last picture, even if it was never shown: revisions continue from it. Used by the worker only.
+        # What will be asked for if the proposal is accepted, and its answer.
+        self._foreseen: tuple[SessionState, Future[Answer]] | None = None
+        # The last picture, even if it was never shown: revisions continue from it. Set by the worker only.
         self._made: Picture | None = None
         self.progress: Progress | None = None
-
-    def later(self, job: Callable[[], None]) -> None:
-        """Add another job; it runs after the waiting ones."""
-        self._worker.put(job)
-
-    def result_of(self, job: Callable[[], T]) -> T:
-        """Run a job after the waiting ones, and return its result; from any thread but the page's own."""
-        return self._worker.result_of(job, ANSWER_S)
-
-    def stop(self) -> None:
-        """End the thread after the current job."""
-        self._worker.stop(timeout_s=2.0)
 
     def cancel(self) -> None:
         """Cancel the running computation, if there is one."""
@@ -130,7 +118,7 @@ class SessionWork:
 
     def forget_picture(self) -> None:
         """Draw the next picture again, even if its document is the same."""
-        self._asked = None
+        self._asked = self._foreseen = None
 
     def follow(self, state: SessionState) -> None:
         """Start the computation that a state needs, and cancel one that it no longer needs."""
@@ -141,13 +129,39 @@ class SessionWork:
             cancelled = threading.Event()
             self._running = request, cancelled
             self.progress = Progress(share=0.0, text="Waiting")
-            self._worker.put(lambda: self._answer(state, request, cancelled))
+            self._executor.put("work", lambda: self._answer(state, request, cancelled))
         document = state.document
         if document.start_view is None:
             self._asked = None
-        elif self._asked is not document:
+        elif self._asked is not document and not (request is not None and self._ahead_of(state)):
             self._asked = document
-            self._worker.put(lambda: self._draw(document))
+            self._executor.put("work", lambda: self._draw(document))
+
+    def foresee(self, after: SessionState) -> None:
+        """Compute the answer to a likely state while the operator looks, so that it is there then."""
+        request = after.request
+        if request is None or self._ahead_of(after) is not None:
+            return
+        made = Future[Answer]()
+        self._foreseen = after, made
+
+        def check(_share: float = 0.0, _text: str = "") -> None:
+            if self._ahead_of(after) is not made:
+                raise CancelledError  # the proposal was moved, or decided otherwise
+
+        def look() -> None:
+            try:
+                check()
+                made.set_result(self._computed(after, request, check))
+            except Exception as error:  # noqa: BLE001 - raised again where it is asked for
+                made.set_exception(error)
+
+        self._executor.put("ahead", look)
+
+    def _ahead_of(self, state: SessionState) -> Future[Answer] | None:
+        """Return the answer that was computed ahead, or is being computed, to a state."""
+        ahead = self._foreseen
+        return ahead[1] if ahead is not None and ahead[0] == state else None
 
     def answers(self, answer: Answer, after: SessionState) -> Picture | None:
         """Return the picture of an answer if it shows the present session."""
@@ -182,18 +196,21 @@ class SessionWork:
         def progress(share: float, text: str) -> None:
             if cancelled.is_set():
                 raise CancelledError
-            self._put(lambda: self._note_progress(request, Progress(share=share, text=text)))
+            self._executor.on_page(lambda: self._note_progress(request, Progress(share=share, text=text)))
 
         def make() -> Answer:
             progress(0.0, "Starting")
             wait_until_compiled(progress, first=request.kind == "start" and self._is_first(state.document))
-            event = self._integration.answer(state.document, request, progress)
-            after = apply(state, event)
-            if after.request is None and not cancelled.is_set():
-                picture = self._drawn(after.document)
-                if not isinstance(picture, str):  # otherwise it is reported when drawn again
-                    return Answer(state, event, picture)
-            return Answer(state, event)
+            ahead = self._ahead_of(state)
+            while ahead is not None and not ahead.done():
+                wait([ahead], PROGRESS_INTERVAL_S)
+                progress(0.5, "placing the next view")
+            if ahead is not None and ahead.exception() is None:
+                made = replace(ahead.result(), state=state)
+            else:
+                made = self._computed(state, request, progress)
+            self._made = made.picture or self._made
+            return made
 
         with contextlib.suppress(CancelledError):
             made = attempt(make, "computing")
@@ -201,13 +218,24 @@ class SessionWork:
                 _log.warning("%s", made)
                 made = Answer(state, trouble=made)
             answer = made
-            self._put(lambda: self._took(answer))
+            self._executor.on_page(lambda: self._took(answer))
+
+    def _computed(
+        self, state: SessionState, request: Request, progress: Callable[[float, str], None]
+    ) -> Answer:
+        event = self._integration.answer(state.document, request, progress)
+        after = apply(state, event)
+        progress(1.0, "drawing")
+        picture = self._drawn(after.document) if after.request is None else None
+        # What cannot be drawn is reported when it is drawn again.
+        return Answer(state, event, None if isinstance(picture, str) else picture)
 
     def _draw(self, document: Document) -> None:
         if self._asked is document:  # otherwise a decision has changed it
             wait_until_compiled(first=self._is_first(document))
             picture = self._drawn(document)
-            self._put(lambda: self._show(document, picture))
+            self._made = self._made if isinstance(picture, str) else picture
+            self._executor.on_page(lambda: self._show(document, picture))
 
     def _is_first(self, document: Document) -> bool:
         # To find the sides of a recording without masks takes more kernels.
@@ -216,10 +244,7 @@ class SessionWork:
     def _drawn(self, document: Document) -> Picture | str:
         """Return the picture of a document, or the reason if it cannot be drawn."""
         laid = self._laid(document)
-        picture = attempt(lambda: make_picture(self._integration, document, self._made, laid), "drawing")
-        if not isinstance(picture, str):
-            self._made = picture
-        return picture
+        return attempt(lambda: make_picture(self._integration, document, self._made, laid), "drawing")
 
 
 def turned_about(integration: Integration, axis: RotationAxis) -> str:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import logging
 import secrets
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from msgspec import structs
 from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import BaseRoute, Route
+from starlette.routing import BaseRoute
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke, why_off_image
 from flatcloth.core.types import Bool, Float32, Floats, Int64, Uint8
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.views import ViewCloud
 from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
 from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
@@ -30,12 +31,12 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import ItemBox, StrokeAdvice
 from flatcloth.viewer.protocol.picture import Picture, place_in_view
 from flatcloth.viewer.protocol.state import SidesInfo
-from flatcloth.viewer.worker import Worker, attempt
+from flatcloth.viewer.worker import Executor
 
 _log = logging.getLogger(__name__)
 
 Point3 = tuple[float, float, float]
-Endpoint = Callable[[Request], Awaitable[Response]]
+_UNKNOWN = "The sides are not known yet."
 
 
 class SideController:
@@ -45,8 +46,8 @@ class SideController:
     ----------
     integration : Integration
         Finds the sides.
-    put : callable
-        Runs a job on the application thread.
+    executor : Executor
+        Does the work.
     changed : callable
         Called on the application thread when the status has changed, with a text on the last stroke.
     """
@@ -54,11 +55,10 @@ class SideController:
     def __init__(
         self,
         integration: Integration,
-        put: Callable[[Callable[[], None]], None],
+        executor: Executor,
         changed: Callable[[str], None],
     ) -> None:
-        self._integration, self._put, self._changed = integration, put, changed
-        self._worker = Worker("flatcloth-sides")
+        self._integration, self._executor, self._changed = integration, executor, changed
         self._strokes: tuple[Decision, ...] | None = None
         self._found: Segmentation | None = None
         self._touched: Int64 = np.empty(0, dtype=np.int64)
@@ -73,10 +73,6 @@ class SideController:
     def available(self) -> bool:
         """Whether the side of interest is found by the program: the recording has no masks."""
         return self._integration.views.sides is not None
-
-    def stop(self) -> None:
-        """End the thread."""
-        self._worker.stop(timeout_s=2.0)
 
     def info(self) -> SidesInfo | None:
         """Return the status for the page, None if the recording has masks of its own."""
@@ -143,36 +139,30 @@ class SideController:
         ``show`` is called on the application thread, unless the labels are known earlier.
         """
 
-        def work() -> None:
-            try:
-                seen = self._integration.views.cloud(0)
-            except FlatclothError as error:
-                _log.warning("view 0 cannot be shown yet: %s", error)
-                return
-            self._put(lambda: show(seen.xyz_m, seen.rgb) if self._found is None else None)
+        def take(seen: ViewCloud | str) -> None:
+            if isinstance(seen, str):
+                _log.warning("view 0 cannot be shown yet: %s", seen)
+            elif self._found is None:
+                show(seen.xyz_m, seen.rgb)
 
-        self._worker.put(work)
+        self._executor.compute("sides", lambda: self._integration.views.cloud(0), take, "reading view 0")
 
     def follow(self, document: Document) -> None:
         """Label the cloth by the strokes of a document; the first time this takes seconds."""
         if not self.available or document.strokes == self._strokes:
             return
-        self._strokes = document.strokes
-        strokes = document.strokes
-        self._worker.put(lambda: self._work(strokes))
-
-    def _work(self, strokes: tuple[Decision, ...]) -> None:
-        if strokes != self._strokes:
-            return  # another stroke came in the meantime
-        sides = self._integration.views.sides
-        assert sides is not None
+        strokes = self._strokes = document.strokes
 
         def find() -> tuple[Segmentation, Int64]:
+            if strokes != self._strokes:
+                raise CancelledError  # another stroke came in the meantime
+            sides = self._integration.views.sides
+            assert sides is not None
             found = sides.solver().solve(strokes)  # the masks take longer and follow with the shape
             return found, under_strokes(found.observed, strokes)
 
-        made = attempt(find, "finding the side of interest")
-        self._put(lambda: self._take(strokes, made))
+        take = partial(self._take, strokes)
+        self._executor.compute("sides", find, take, "finding the side of interest")
 
     def _take(self, strokes: tuple[Decision, ...], made: tuple[Segmentation, Int64] | str) -> None:
         if isinstance(made, str):
@@ -201,55 +191,50 @@ class SideController:
     ) -> None:
         """Find a place where a stroke would determine most, the first is the best one.
 
-        ``number`` counts round all places, also backwards; ``answer`` is called on another thread.
+        ``number`` counts round all places, also backwards.
         """
         sides = self._integration.views.sides
         if sides is None:
             raise FlatclothError("This recording has masks; there is nothing to paint.")
 
-        def work() -> None:
-            try:
-                places = list(sides.solver().places(strokes))
-            except FlatclothError as error:
-                answer(StrokeAdvice(view_index=None, rc=None, text=str(error)))
-                return
+        def find() -> StrokeAdvice:
+            places = list(sides.solver().places(strokes))
             if not places:
                 text = "The views determine all cloth: no stroke adds anything."
-                answer(StrokeAdvice(view_index=None, rc=None, text=text))
-                return
+                return StrokeAdvice(view_index=None, rc=None, text=text)
             number_of = number % len(places)
             found = places[number_of]
             row, col = map(float, found.rc)
             text = f"Place {number_of + 1} of {len(places)}. {found.text}"
-            answer(StrokeAdvice(view_index=found.view_index, rc=(row, col), text=text, number=number_of))
+            return StrokeAdvice(view_index=found.view_index, rc=(row, col), text=text, number=number_of)
 
-        self._worker.put(work)
+        def take(made: StrokeAdvice | str) -> None:
+            if isinstance(made, str):
+                made = StrokeAdvice(view_index=None, rc=None, text=made)
+            answer(made)
+
+        self._executor.compute("sides", find, take, "looking for a place")
 
     # --- pictures ------------------------------------------------------------------------------
 
     def routes(self, picture: Callable[[], Picture | None]) -> list[BaseRoute]:
         """Return the routes: images of the labels of a view or of the shape."""
 
-        def answered(
-            make: Callable[[Request], bytes | ItemBox | None], **options: str
-        ) -> Callable[[Request], Awaitable[Response]]:
-            async def answer(request: Request) -> Response:
-                return await http.made(lambda: make(request), gone="The sides are not known yet.", **options)
+        def labels(path: str, draw: Callable[[int, bool], bytes | None]) -> BaseRoute:
+            def make(request: Request) -> bytes | None:
+                return draw(request.path_params["view"], request.query_params.get("layer") == "certainty")
 
-            return answer
+            return http.get(path, make, gone=_UNKNOWN)
 
-        def labels(draw: Callable[[int, bool], bytes | None]) -> Endpoint:
-            return answered(lambda r: draw(r.path_params["view"], r.query_params.get("layer") == "certainty"))
-
-        def color(request: Request) -> bytes | None:
-            return self._small_color(request.path_params["view"])
+        def of_view(path: str, make: Callable[[int], Any], **options: str) -> BaseRoute:
+            return http.get(path, lambda r: make(r.path_params["view"]), gone=_UNKNOWN, **options)
 
         return [
-            Route("/sides/shape.png", answered(lambda _: self._shape_png(picture()))),
-            Route("/sides/{view:int}.png", labels(self.view_png)),
-            Route("/sides/{view:int}/box.json", answered(lambda r: self.item_box(r.path_params["view"]))),
-            Route("/sides/{view:int}/small.png", labels(self.small_png)),
-            Route("/sides/{view:int}/color.jpg", answered(color, media_type="image/jpeg", kept=http.DAY)),
+            http.get("/sides/shape.png", lambda _: self._shape_png(picture()), gone=_UNKNOWN),
+            labels("/sides/{view:int}.png", self.view_png),
+            of_view("/sides/{view:int}/box.json", self.item_box),
+            labels("/sides/{view:int}/small.png", self.small_png),
+            of_view("/sides/{view:int}/color.jpg", self._small_color, media_type="image/jpeg", kept=http.DAY),
         ]
 
     def _labels(self, view: int) -> ViewSegmentation | None:

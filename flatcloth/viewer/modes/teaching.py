@@ -40,7 +40,7 @@ from flatcloth.viewer.modes.lessons import (
     start_parcel,
 )
 from flatcloth.viewer.protocol.picture import OtherSheet, truth_of
-from flatcloth.viewer.worker import Worker, attempt
+from flatcloth.viewer.worker import Executor, attempt
 
 PARTS = ("flattening", "start", "planning", "alignment", "sides", "garment", "seams", "check")
 """The parts: Fig. 2, the start view, Fig. 4a, the rest of Fig. 4, the side of interest, the garment, both
@@ -66,6 +66,8 @@ class TeachingRoutes:
     ----------
     integration : Integration
         The session's; only read.
+    executor : Executor
+        Does the work.
     garment : callable
         Returns the garment of the shape that is shown, None if it is not known; from any thread.
     other : callable
@@ -75,11 +77,12 @@ class TeachingRoutes:
     def __init__(
         self,
         integration: Integration,
+        executor: Executor,
         garment: Callable[[], KnownGarment | None] = lambda: None,
         other: Callable[[], OtherSheet | None] = lambda: None,
     ) -> None:
         self._integration, self._garment, self._other = integration, garment, other
-        self._worker = Worker("flatcloth-teaching")
+        self._executor = executor
         self._teaching: Teaching | None = None
 
     async def serve(self, request: Request) -> Response:
@@ -93,10 +96,6 @@ class TeachingRoutes:
             media_type="application/octet-stream",
             headers={"Cache-Control": "no-store"},
         )
-
-    def stop(self) -> None:
-        """Stop the thread after the current lesson."""
-        self._worker.stop(timeout_s=2.0)
 
     async def _records(self, part: str, asked: dict[str, Any]) -> AsyncIterator[bytes]:
         """Yield records as they are made, until the last one or until the client leaves."""
@@ -131,7 +130,7 @@ class TeachingRoutes:
                 made = attempt(make, "computing")
                 tell(record({"kind": "error", "text": made}) if isinstance(made, str) else made, True)
 
-        self._worker.put(job)
+        self._executor.put("teaching", job)
 
     def _lesson(self, part: str, asked: dict[str, Any], progress: Progress) -> bytes:
         if self._teaching is None or self._teaching.views != len(self._integration.recording):

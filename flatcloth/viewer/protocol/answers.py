@@ -7,6 +7,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from flatcloth.engine.diagnostics import Reasons
+from flatcloth.engine.results.result import Result
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.garment import GarmentPointInfo
 from flatcloth.viewer.protocol.sent import RC, UV, XYZ, Direction, Grid, Legend, Note, Progress, Sent
@@ -144,29 +146,6 @@ class SeenViews(Sent, frozen=True):
     hidden: dict[str, int]
 
 
-class LeftOutView(Sent, frozen=True):
-    """A view that shows cloth that is not in the shape."""
-
-    view_index: int
-    area_cm2: float
-    reason: str
-
-
-class ExpectedArea(Sent, frozen=True):
-    """How much a view that is not used is expected to add."""
-
-    view_index: int
-    area_cm2: float
-
-
-class MoreViews(Sent, frozen=True):
-    """Whether more views would add cloth, and which."""
-
-    reason: str
-    share: float | None
-    expected: list[ExpectedArea]
-
-
 class HeldByView(Sent, frozen=True):
     """A view that joins a part to the rest: pairs, median and ninth decile of residuals, and their pixels."""
 
@@ -203,49 +182,14 @@ class JointsInfo(Sent, frozen=True):
 
 
 class ResultInfo(Sent, frozen=True):
-    """The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed.
-
-    ``wrong`` says why something about the recording is wrong, so that nothing is reliable.
-    """
+    """The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed."""
 
     revision: int
     trouble: str = ""
-    median_std_mm: float | None = None
-    reliable_share: float | None = None
-    wrong: list[str] = msgspec.field(default_factory=list)
-    left_out: list[LeftOutView] = msgspec.field(default_factory=list)
-    more: MoreViews | None = None
+    result: Result | None = None
 
 
-class CurvesInfo(Sent, frozen=True):
-    """The curves h(u) and A_z(u) of a flattened view."""
-
-    u_mm: list[float]
-    h: list[int]
-    a_z_deg: list[float | None]
-    pixel_size_mm: float
-
-
-class LineInfo(Sent, frozen=True):
-    """The line of pixels with the Z-angle A_m, fitted on the plane."""
-
-    pixels_uv_m: list[UV]
-    center_uv_m: UV
-    direction: tuple[float, float]
-    point_uv_m: UV
-
-
-class ZAngleLines(Sent, frozen=True):
-    """The lines of both views that the placement lays on each other."""
-
-    a_m_deg: float
-    common_range_deg: tuple[float, float]
-    height_mm: float
-    current: LineInfo
-    new: LineInfo
-
-
-class ClothPairs(Sent, frozen=True):
+class ShownPairs(Sent, frozen=True):
     """Pairs of the same cloth, evenly chosen, and the statistics of all pairs."""
 
     total: int
@@ -263,24 +207,12 @@ class ClothPairs(Sent, frozen=True):
 
 
 class DiagnosticsInfo(Sent, frozen=True):
-    """What speaks for and against a proposal: mm and degrees for reading, metres for positions."""
+    """What speaks for and against a proposal, with the limits of the method."""
 
     limit_deg: float
     overlap_cm2: float
-    view_index: int
-    side: str
-    front_view: int
-    turn_deg: float
-    rotation_deg: float
-    u_b_mm: float | None
-    a_0_deg: float | None
-    current: CurvesInfo
-    new: CurvesInfo
-    lines: ZAngleLines | None
-    trouble: str
-    front_from_current: tuple[float, float, float]
-    current_from_new: tuple[float, float, float]
-    pairs: ClothPairs | None
+    reasons: Reasons
+    pairs: ShownPairs | None
 
 
 class FrameInfo(Sent, frozen=True):

@@ -40,14 +40,6 @@ class GarmentPiece(Sent, frozen=True):
     outline_uv_m: list[list[UV]]
 
 
-class DoubtedLinkInfo(Sent, frozen=True):
-    """A link that no garment allows: how probable it is, and the outline of the part."""
-
-    probability: float
-    area_cm2: float
-    outline_uv_m: list[list[UV]]
-
-
 class FoundGarment(Sent, frozen=True):
     """The garment: its kind (None: of no known kind), dimensions, outline and named points.
 
@@ -64,7 +56,6 @@ class FoundGarment(Sent, frozen=True):
     points: list[GarmentPointInfo]
     upright_rad: float
     pieces: list[GarmentPiece]
-    links: list[DoubtedLinkInfo]
 
 
 class SeamInfo(Sent, frozen=True):
@@ -146,14 +137,6 @@ class DecidePiece(Said, tag="decide_piece", frozen=True, kw_only=True):
 
     label: GarmentName
     accepted: bool
-
-
-class DecideLink(Said, tag="decide_link", frozen=True, kw_only=True):
-    """Take a part off, or keep it: ``index`` in the list of doubted links at this ``revision``."""
-
-    revision: Count
-    index: Annotated[int, Meta(ge=0)]
-    taken_off: bool
 
 
 class DecideJoint(Said, tag="decide_joint", frozen=True, kw_only=True):

@@ -37,7 +37,6 @@ from flatcloth.viewer.protocol.fields import (
 )
 from flatcloth.viewer.protocol.garment import (
     DecideJoint,
-    DecideLink,
     DecidePiece,
     HoldPoint,
     ReleasePoints,
@@ -218,24 +217,10 @@ class SetAuto(Said, tag="auto", frozen=True, kw_only=True):
 
 
 class Set(Said, tag="set", frozen=True, kw_only=True):
-    """Change settings of the page, see ``settings.SETTINGS``; ``reset`` first restores all defaults."""
+    """Change settings of the page, see ``settings.Settings``; ``reset`` first restores all defaults."""
 
     reset: bool = False
-    auto_threshold: Finite | None = None
-    auto_until: Literal["all", "area", "views"] | None = None
-    auto_least_cm2: Finite | None = None
-    auto_views: Finite | None = None
-    advance: bool | None = None
-    follow: bool | None = None
-    turn_to_pick: bool | None = None
-    show_view: bool | None = None
-    show_shape: bool | None = None
-    show_new: bool | None = None
-    show_all: bool | None = None
-    show_axis: bool | None = None
-    show_camera: bool | None = None
-    step_mm: Finite | None = None
-    step_deg: Finite | None = None
+    values: dict[str, bool | Finite | str] = msgspec.field(default_factory=dict)
 
 
 class SetAxis(Said, tag="axis", frozen=True, kw_only=True):
@@ -315,7 +300,7 @@ class WhereToStroke(Said, tag="where_to_stroke", frozen=True, kw_only=True):
     number: Annotated[int, Meta(ge=-1000, le=1000)] = 0
 
 
-GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink | DecideJoint
+GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideJoint
 Message = Said
 """Any message of the page: each subclass is one."""
 

@@ -21,6 +21,7 @@ from flatcloth.viewer.protocol.sent import (
     Progress,
     Sent,
 )
+from flatcloth.viewer.protocol.settings import Setting, Settings
 
 ViewState = Literal["unused", "start", "pending", "accepted", "fixed", "later", "rejected", "skipped"]
 
@@ -250,60 +251,6 @@ class ListedPick(Sent, frozen=True):
     uv_m: UV | None
 
 
-class Switch(Sent, frozen=True):
-    """A setting that is on or off."""
-
-    name: str
-    title: str
-    description: str
-    value: bool = False
-    default: bool = False
-
-
-class Choice(Sent, frozen=True):
-    """A setting with one of some options: value and words."""
-
-    name: str
-    title: str
-    description: str
-    options: tuple[tuple[str, str], ...]
-    value: str = ""
-    default: str = ""
-
-
-class Slider(Sent, frozen=True):
-    """A setting with a range."""
-
-    name: str
-    title: str
-    description: str
-    low: float
-    high: float
-    step: float
-    value: float = 0.0
-    default: float = 0.0
-
-
-class SettingsTable(Sent, frozen=True):
-    """The settings of the page in the order of their dialog."""
-
-    advance: Switch
-    auto_threshold: Slider
-    auto_until: Choice
-    auto_least_cm2: Slider
-    auto_views: Slider
-    step_mm: Slider
-    step_deg: Slider
-    follow: Switch
-    turn_to_pick: Switch
-    show_view: Switch
-    show_shape: Switch
-    show_new: Switch
-    show_all: Switch
-    show_axis: Switch
-    show_camera: Switch
-
-
 class AxisInfo(Sent, frozen=True):
     """The turning axis as the camera of view 0 sees it; ``estimated``: it is not the recorded one."""
 
@@ -395,7 +342,8 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     pick: PickInfo | None
     picks: tuple[ListedPick, ...]
     log: tuple[Note, ...]
-    settings: SettingsTable
+    settings: Settings
+    settings_rows: tuple[Setting, ...]
     present_view: int | None
     angle_deg: float | None
     views: tuple[ViewRow, ...]

@@ -10,6 +10,7 @@ import json
 from collections.abc import Iterable
 from typing import Any, get_args
 
+import numpy as np
 from msgspec import NODEFAULT, inspect
 
 from flatcloth.core.resources import static_folder
@@ -57,7 +58,7 @@ def _with_parts(kinds: Iterable[type]) -> list[type]:
     found: dict[type, None] = {}
 
     def visit(about: Any) -> None:
-        if isinstance(about, inspect.StructType):
+        if isinstance(about, inspect.StructType | inspect.DataclassType):
             if about.cls in found:
                 return
             found[about.cls] = None
@@ -77,10 +78,10 @@ def _with_parts(kinds: Iterable[type]) -> list[type]:
 def _interface(kind: type, *, optional: bool) -> str:
     """Return a struct as an interface; ``optional``: fields with a default may be left out."""
     about = inspect.type_info(kind)
-    assert isinstance(about, inspect.StructType)
+    assert isinstance(about, inspect.StructType | inspect.DataclassType)
     summary = (kind.__doc__ or "").strip().splitlines()[0]
     rows = [f"/** {summary} */", f"export interface {kind.__name__} {{"]
-    if about.tag is not None:
+    if isinstance(about, inspect.StructType) and about.tag is not None:
         rows.append(f"  type: {json.dumps(about.tag)};")
     for field in about.fields:
         required = field.default is NODEFAULT and field.default_factory is NODEFAULT
@@ -102,8 +103,12 @@ def _type(about: inspect.Type) -> str:
         return f"({item})[]" if "|" in item else f"{item}[]"
     if isinstance(about, inspect.DictType):
         return f"Record<{_type(about.key_type)}, {_type(about.value_type)}>"
-    if isinstance(about, inspect.StructType):
+    if isinstance(about, inspect.StructType | inspect.DataclassType):
         return about.cls.__name__
+    if isinstance(about, inspect.EnumType):
+        return " | ".join(json.dumps(each.value) for each in about.cls)
+    if isinstance(about, inspect.CustomType) and about.cls is np.ndarray:
+        return "any[]"  # rows of numbers, as deep as its shape; NaN is null
     if type(about) in _SCALARS:
         return _SCALARS[type(about)]
     raise TypeError(f"A message has a field of a type that has no TypeScript here: {about!r}.")

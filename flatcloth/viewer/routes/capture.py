@@ -13,11 +13,11 @@ from typing import Annotated
 import msgspec
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.rendering.layers import LAYERS
-from flatcloth.viewer.http import RefusedError, as_json, made, read_body
+from flatcloth.viewer.http import RefusedError, as_json, get, read_body
 from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
 
@@ -29,19 +29,16 @@ _ACTIONS = {"angle": "announce", "begin": "begin", "keep": "keep", "repeat": "re
 def capture_routes(captures: CaptureApplication) -> list[BaseRoute]:
     """Return the routes of a guided capture."""
 
-    async def status(_request: Request) -> Response:
-        return as_json(await run_in_threadpool(captures.status))
-
-    async def view(_request: Request) -> Response:
+    def view(_request: Request) -> bytes:
         if not captures.view_png:
-            return PlainTextResponse("No view has been taken yet.", status_code=404)
-        return Response(captures.view_png, media_type="image/png", headers={"Cache-Control": "no-store"})
+            raise RefusedError("No view has been taken yet.", 404)
+        return captures.view_png
 
-    async def frame(request: Request) -> Response:
+    def frame(request: Request) -> bytes | None:
         layer, after = request.path_params["layer"], request.path_params["after"]
         if layer not in LAYERS:
             raise RefusedError(f"Unknown layer {layer!r:.40}; choose one of {', '.join(LAYERS)}.", 404)
-        return await made(lambda: captures.frame_after(after, layer), "application/octet-stream", gone=None)
+        return captures.frame_after(after, layer)
 
     async def hear(request: Request) -> Response:
         word = request.path_params["action"]
@@ -61,9 +58,9 @@ def capture_routes(captures: CaptureApplication) -> list[BaseRoute]:
         return as_json(await run_in_threadpool(captures.status))
 
     return [
-        Route("/capture", status),
-        Route("/capture/view.png", view),
-        Route("/capture/frame/{after:int}/{layer}", frame),
+        get("/capture", lambda _: captures.status()),
+        get("/capture/view.png", view),
+        get("/capture/frame/{after:int}/{layer}", frame, "application/octet-stream", gone=None),
         Route("/capture/{action}", hear, methods=["POST"]),
     ]
 

@@ -6,8 +6,7 @@ import threading
 from typing import Any
 
 from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import BaseRoute, Route
+from starlette.routing import BaseRoute
 
 from flatcloth.checking.check import checked
 from flatcloth.checking.findings import Check
@@ -35,8 +34,8 @@ class CheckRoutes:
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this object."""
         return [
-            Route("/check.json", self._findings),
-            Route("/check/{finding:int}.png", self._picture),
+            http.get("/check.json", lambda _: self._findings()),
+            http.get("/check/{finding:int}.png", self._picture, gone="There is no such finding."),
         ]
 
     def _made(self) -> Check:
@@ -49,23 +48,15 @@ class CheckRoutes:
                 self._pictures = Cache(PICTURES_KEPT)
             return check
 
-    async def _findings(self, _request: Request) -> Response:
-        def make() -> dict[str, Any]:
-            recording = self._integration.recording
-            as_recorded = bool(source_options(recording).get("as_recorded"))
-            check = Check() if as_recorded else self._made()
-            return {"as_recorded": as_recorded, **check.to_dict()}
+    def _findings(self) -> dict[str, Any]:
+        as_recorded = bool(source_options(self._integration.recording).get("as_recorded"))
+        check = Check() if as_recorded else self._made()
+        return {"as_recorded": as_recorded, **check.to_dict()}
 
-        return await http.made(make)
-
-    async def _picture(self, request: Request) -> Response:
+    def _picture(self, request: Request) -> bytes | None:
         number = request.path_params["finding"]
-
-        def make() -> bytes | None:
-            findings = self._made().findings
-            return self._pictures.get(number, lambda: self._drawn(number)) if number < len(findings) else None
-
-        return await http.made(make, gone="There is no such finding.")
+        is_found = number < len(self._made().findings)
+        return self._pictures.get(number, lambda: self._drawn(number)) if is_found else None
 
     def _drawn(self, number: int) -> bytes | None:
         picture = evidence(self._integration.recording, self._made().findings[number])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import BaseRoute, Route
+from starlette.routing import BaseRoute
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
@@ -41,21 +41,21 @@ class LayerRoutes:
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this object."""
         return [
-            Route("/layers/{revision:int}/{name}.png", self._serve),
-            Route("/other/{other:int}/{name}.png", self._serve),
-            Route("/overlay/{overlay:int}.png", self._serve),
-            Route("/difference/{revision:int}-{overlay:int}/{difference}.png", self._serve),
-            Route("/colormaps.json", _maps),
+            http.get("/layers/{revision:int}/{name}.png", self._serve, gone=None),
+            http.get("/other/{other:int}/{name}.png", self._serve, gone=None),
+            http.get("/overlay/{overlay:int}.png", self._serve, gone=None),
+            http.get("/difference/{revision:int}-{overlay:int}/{difference}.png", self._serve, gone=None),
+            http.get("/colormaps.json", _maps),
         ]
 
-    async def _serve(self, request: Request) -> Response:
+    def _serve(self, request: Request) -> bytes | None:
         try:
             look = appearance_of(request.query_params)
         except FlatclothError as error:
             raise http.RefusedError(str(error), 400) from error
         asked = dict(request.path_params)
         name = asked.pop("name", None) or request.query_params.get("layer", "color")
-        return await http.made(lambda: self.png(name, look, **asked), gone=None)
+        return self.png(name, look, **asked)
 
     def png(
         self,
@@ -95,9 +95,8 @@ class LayerRoutes:
         return self._pngs.put(key, layers.png(image))
 
 
-async def _maps(_request: Request) -> Response:
-    about = {name: {"title": m.title, "colors": layers.ramp_colors(m.table())} for name, m in MAPS.items()}
-    return http.as_json(about)
+def _maps(_request: Request) -> dict[str, Any]:
+    return {name: {"title": m.title, "colors": layers.ramp_colors(m.table())} for name, m in MAPS.items()}
 
 
 def appearance_of(query: Mapping[str, str]) -> Appearance:

@@ -28,12 +28,6 @@ MAX_BODY_BYTES = 10_000
 def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
     """Return the routes; they require the page's token, as all others."""
 
-    async def shape(_request: Request) -> Response:
-        return http.as_json(await run_in_threadpool(answers.shape))
-
-    async def grasps(request: Request) -> Response:
-        return http.as_json(await run_in_threadpool(answers.grasps, http.rotation_of(request)))
-
     async def pick(request: Request) -> Response:
         rotation_deg = http.rotation_of(request)
         try:
@@ -47,14 +41,11 @@ def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
             raise http.RefusedError(reason, 400) from error
         return http.as_json(await run_in_threadpool(answers.propose, proposed, rotation_deg))
 
-    async def protocol(_request: Request) -> Response:
-        return http.as_json(schema())
-
     return [
-        Route("/robot/shape", shape),
-        Route("/robot/grasps", grasps),
+        http.get("/robot/shape", lambda _: answers.shape()),
+        http.get("/robot/grasps", lambda request: answers.grasps(http.rotation_of(request))),
         Route("/robot/pick", pick, methods=["POST"]),
-        Route("/robot/schema.json", protocol),
+        http.get("/robot/schema.json", lambda _: schema()),
         events_route(answers.events),
     ]
 

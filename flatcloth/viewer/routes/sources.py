@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
-from starlette.routing import BaseRoute, Route
+from starlette.routing import BaseRoute
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.types import Bool, Floats, RgbdFrame, Uint8
@@ -29,6 +28,7 @@ THUMB_PX = 72
 """Height of a thumbnail in the list of views. Chosen."""
 IMAGES_KEPT = 16
 """Images that are kept. Chosen."""
+_GONE = "There is no such picture, or it is no longer shown; a newer state follows."
 _SHADE = 150
 """Opacity of the shade on pixels off the item, of 255."""
 _EDGE = (255, 210, 60, 255)
@@ -53,60 +53,48 @@ class SourceRoutes:
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this object."""
         return [
-            Route("/source/{view:int}/color.jpg", self._color),
-            Route("/source/{view:int}/mask.png", self._mask),
-            Route("/source/{view:int}/states-{revision:int}.{kind}", self._states),
-            Route("/source/seen/{pick:int}.json", self._seen),
+            http.get("/source/{view:int}/color.jpg", self._color, "image/jpeg"),
+            http.get("/source/{view:int}/mask.png", self._mask),
+            http.get("/source/{view:int}/states-{revision:int}.{kind}", self._states, gone=_GONE),
+            http.get("/source/seen/{pick:int}.json", self._seen),
         ]
 
-    async def _color(self, request: Request) -> Response:
-        return await self._image(request, "image/jpeg", lambda frame: jpeg(frame.color))
+    def _color(self, request: Request) -> bytes:
+        return self._image(request, "color", lambda frame: jpeg(frame.color))
 
-    async def _mask(self, request: Request) -> Response:
-        integration = self._integration
+    def _mask(self, request: Request) -> bytes:
+        axis, config = self._integration.axis, self._integration.config.surface
+        return self._image(
+            request, "mask", lambda frame: layers.png(mask_rgba(item_mask(frame, axis, config)))
+        )
 
-        def cover(frame: RgbdFrame) -> bytes:
-            return layers.png(mask_rgba(item_mask(frame, integration.axis, integration.config.surface)))
-
-        return await self._image(request, "image/png", cover)
-
-    async def _image(self, request: Request, kind: str, make: Callable[[RgbdFrame], bytes]) -> Response:
-        view = request.path_params["view"]
+    def _image(self, request: Request, kind: str, make: Callable[[RgbdFrame], bytes]) -> bytes:
+        view, views = request.path_params["view"], self._integration.views
         if view >= len(self._integration.recording):
-            return PlainTextResponse(f"View {view} does not exist.", status_code=404)
-        key = kind, view, self._axis_key()
-        views = self._integration.views
-        return await http.made(lambda: self._kept.get(key, lambda: make(views.frame(view))), kind)
+            raise http.RefusedError(f"View {view} does not exist.", 404)
+        made: bytes = self._kept.get((kind, view, self._axis_key()), lambda: make(views.frame(view)))
+        return made
 
-    async def _states(self, request: Request) -> Response:
+    def _states(self, request: Request) -> Any:
         view, revision, kind = (request.path_params[name] for name in ("view", "revision", "kind"))
         picture = self._application.picture
         document = None if picture is None or picture.revision != revision else picture.document
-        exists = view < len(self._integration.recording) and kind in ("png", "json")
+        if document is None or view >= len(self._integration.recording) or kind not in ("png", "json"):
+            return None
+        key = "states", view, revision, self._axis_key()
+        found = self._kept.get(key, lambda: pixel_states(self._integration, document, view))
+        if kind == "json":
+            return state_legend(found.states, found.is_missing)
+        return layers.png(state_rgba(found.states, found.is_missing))
 
-        def make() -> Any:
-            if document is None or not exists:
-                return None
-            key = "states", view, revision, self._axis_key()
-            found = self._kept.get(key, lambda: pixel_states(self._integration, document, view))
-            if kind == "json":
-                return state_legend(found.states, found.is_missing)
-            return layers.png(state_rgba(found.states, found.is_missing))
-
-        return await http.made(
-            make, gone="There is no such picture, or it is no longer shown; a newer state follows."
-        )
-
-    async def _seen(self, request: Request) -> Response:
+    def _seen(self, request: Request) -> Any:
         number = request.path_params["pick"]
         pick = next((p for p in self._application.picks if p.id == number), None)
         if pick is None:
-            return PlainTextResponse(f"Pick {number} is no longer in the list.", status_code=404)
+            raise http.RefusedError(f"Pick {number} is no longer in the list.", 404)
         position, normal = pick.position_held_m, pick.normal_held
         key = "seen", number, position.tobytes(), self._axis_key()
-        return await http.made(
-            lambda: self._kept.get(key, lambda: views_that_saw(self._integration, position, normal))
-        )
+        return self._kept.get(key, lambda: views_that_saw(self._integration, position, normal))
 
     def _axis_key(self) -> bytes:
         axis = self._integration.axis

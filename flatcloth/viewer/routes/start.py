@@ -24,7 +24,7 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.cache import Cache
 from flatcloth.core.resources import static_folder
 from flatcloth.recordings.mending import Mends, options_of
-from flatcloth.viewer.http import RefusedError, as_json, made, page_of, read_body
+from flatcloth.viewer.http import RefusedError, get, page_of, read_body
 from flatcloth.viewer.places import Chosen, Kind, Places
 
 MAX_BODY_BYTES = 4096
@@ -88,9 +88,9 @@ class StartRoutes:
         """Return the routes of the start screen."""
         return [
             Route("/start", self.page),
-            Route("/start/places.json", self._offer),
-            Route("/start/folder.json", self._folder),
-            Route("/start/here.json", self._here),
+            get("/start/places.json", lambda _: {**self._places.plain(), "current": self._current()}),
+            get("/start/folder.json", lambda r: self._places.listing(r.query_params.get("path", ""))),
+            get("/start/here.json", lambda _: self._here()),
             Route("/start/picture/{kind}/{name:path}", self._picture),
             Route("/start/open", self._take, methods=["POST"]),
             Route("/start/mend", self._take_mend, methods=["POST"]),
@@ -100,24 +100,16 @@ class StartRoutes:
         """Answer with the start screen."""
         return page_of(request, static_folder() / "start" / "start.html")
 
-    async def _offer(self, _request: Request) -> Response:
-        offer = await run_in_threadpool(self._places.plain)
-        return as_json({**offer, "current": self._current()})
-
-    async def _here(self, _request: Request) -> Response:
-        place = await run_in_threadpool(self._places.place_of, self._session_folder())
-        return as_json({"name": self._current(), "place": place})
-
-    async def _folder(self, request: Request) -> Response:
-        path = request.query_params.get("path", "")
-        return as_json(await run_in_threadpool(self._places.listing, path))
+    def _here(self) -> dict[str, Any]:
+        return {"name": self._current(), "place": self._places.place_of(self._session_folder())}
 
     async def _picture(self, request: Request) -> Response:
         kind, name = request.path_params["kind"], request.path_params["name"]
         if kind not in ("example", "session", "folder"):
             return PlainTextResponse("There is no such picture.", status_code=404)
         async with self._reading:
-            return await made(lambda: self._drawn(kind, name), "image/jpeg", kept="private, max-age=600")
+            data = await run_in_threadpool(self._drawn, kind, name)
+        return Response(data, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=600"})
 
     def _drawn(self, kind: Kind, name: str) -> bytes:
         source = self._places.chosen(kind, name).source

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
-from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from flatcloth.core.errors import ServerError, os_errors_as
@@ -30,6 +29,7 @@ from flatcloth.viewer.http import REFUSALS, page_of
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.protocol.answers import Switched
 from flatcloth.viewer.routes.start import StartRoutes
+from flatcloth.viewer.server.files import OwnFiles, packed
 from flatcloth.viewer.server.guard import Guard, PublicUrl, is_open, own_names, own_token
 from flatcloth.viewer.server.limits import limited_logs, limited_server
 
@@ -199,7 +199,7 @@ class PageServer:
             Route("/", self._page),
             *self._start.routes(),
             Route("/viser/", _viser_page),
-            Mount("/static", StaticFiles(directory=STATIC)),
+            Mount("/static", OwnFiles(directory=STATIC)),
             Mount("/", self._of_workspace),
         ]
         names = own_names(self._host)
@@ -272,12 +272,14 @@ class _Headers:
         await self._app(scope, receive, with_headers)
 
 
-async def _viser_page(_request: Request) -> Response:
+async def _viser_page(request: Request) -> Response:
     import viser
 
     page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text()
     page = page.replace("<head>", f"<head>{_REST}", 1)
-    return HTMLResponse(page, headers={"X-Frame-Options": "SAMEORIGIN"})
+    answer = packed(request, page, "text/html")
+    answer.headers["X-Frame-Options"] = "SAMEORIGIN"
+    return answer
 
 
 def _workspace_of(opened: Opened) -> Workspace:

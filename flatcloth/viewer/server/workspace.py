@@ -85,7 +85,10 @@ class Workspace:
         self.application: PageController = controller(self.scene, self.hub)
         self.scene.on_ray = self.application.click_ray
         self._teaching = TeachingRoutes(
-            integration, lambda: self.application.garments.last, lambda: self.application.other_sheet
+            integration,
+            self.application.executor,
+            lambda: self.application.garments.last,
+            lambda: self.application.other_sheet,
         )
         self._exports = ExportRoutes(integration, folder, self.application.garments, self.application.both)
         capture = capture_routes(self.application) if isinstance(self.application, CaptureApplication) else ()
@@ -154,7 +157,6 @@ class Workspace:
         self._exports.stop()
         self.application.stop()
         self.hub.close()
-        self._teaching.stop()
         self.scene.stop()
         self._opened.close()
 
