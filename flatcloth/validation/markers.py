@@ -12,6 +12,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -173,6 +174,14 @@ class Sightings:
         """Return the corners (4, 2) of the markers of a view by their ids, as ``found_markers`` does."""
         rows = np.flatnonzero(self.view == view)
         return dict(zip(self.marker[rows].tolist(), self.corners_px[rows], strict=True))
+
+    @cached_property
+    def cosine(self) -> Float64:
+        """The cosine (M,) of the angle between line of sight and normal, as depth shows it."""
+        places = self.corners_m
+        normal = np.cross(places[:, 2] - places[:, 0], places[:, 3] - places[:, 1])
+        normal, sight = (v / np.linalg.norm(v, axis=1)[:, None] for v in (normal, places.mean(axis=1)))
+        return np.asarray(np.abs((normal * sight).sum(axis=1)))
 
 
 def sightings_of(recording: Recording, kit: Kit, progress: Progress = no_progress) -> Sightings:

@@ -20,7 +20,7 @@ from flatcloth.validation.kit import (
     read_kit,
     write_kit,
 )
-from flatcloth.validation.markers import found_markers, measured_kit
+from flatcloth.validation.markers import KitTruth, found_markers, measured_kit
 
 FOCAL_PX, SIZE_PX, DISTANCE_M, RADIUS_M = 600.0, 480, 0.85, 0.15
 STICKERS = grid_kit((0.21, 0.27), 0.03, 1, stickers=12)
@@ -35,14 +35,19 @@ def painted(rgb: np.ndarray, shape: tuple[int, int], seed: int) -> np.ndarray:
 
 def on_cylinder(kit: Kit, seed: int = 0) -> np.ndarray:
     """Paint sheet 1 around an upright cylinder, in the frame of a camera that looks at its middle."""
+    uv, is_seen = cylinder()
+    rgb = printed_cloth(kit)(uv.reshape(-1, 2), 1)
+    rgb[~is_seen.ravel()] = 0.15
+    return painted(rgb, (SIZE_PX, SIZE_PX), seed)
+
+
+def cylinder() -> tuple[np.ndarray, np.ndarray]:
+    """Places (H, W, 2) of the cloth on it, three rays a pixel, and whether it is there."""
     x, y = np.meshgrid(*[((np.arange(3 * SIZE_PX) + 0.5) / 3 - SIZE_PX / 2) / FOCAL_PX] * 2)
     middle = DISTANCE_M + RADIUS_M  # |(x z, z - middle)| = radius
     root = middle**2 - (1 + x**2) * (middle**2 - RADIUS_M**2)
     z = (middle - np.sqrt(np.maximum(root, 0))) / (1 + x**2)
-    uv = np.stack([RADIUS_M * np.arctan2(x * z, middle - z), y * z], axis=-1)
-    rgb = printed_cloth(kit)(uv.reshape(-1, 2), 1)
-    rgb[root.ravel() < 0] = 0.15
-    return painted(rgb, (SIZE_PX, SIZE_PX), seed)
+    return np.stack([RADIUS_M * np.arctan2(x * z, middle - z), y * z], axis=-1), root >= 0
 
 
 def on_image(kit: Kit, i: int) -> tuple[np.ndarray, float]:
@@ -63,6 +68,18 @@ def test_bent_markers_are_read_without_a_wrong_one_and_to_a_fifth_of_a_pixel():
     assert len(facing & off.keys()) > 0.95 * len(facing) > 90
     assert np.median([off[i] for i in facing & off.keys()]) < 0.15
     assert np.sqrt(np.mean(np.square([off[i] for i in facing & off.keys()]))) < 0.3
+
+
+def test_markers_give_the_place_of_the_pixels_between_them():
+    kit = grid_kit((0.48, 0.48), 0.03, 1)
+    facing = {i: px for i, (px, angle) in ((i, on_image(kit, i)) for i in kit.corners_m) if angle < 55}
+    pixels = np.stack(np.meshgrid(*[np.arange(float(SIZE_PX))] * 2), axis=-1).reshape(-1, 2)
+    found = KitTruth(kit, lambda _: facing).places(0, pixels)
+    off_mm = 1e3 * np.linalg.norm(found - cylinder()[0][1::3, 1::3].reshape(-1, 2) - 0.24, axis=1)
+    known = np.isfinite(found[:, 0])
+    assert known.sum() > 39_000
+    assert np.median(off_mm[known]) < 0.3
+    assert off_mm[known].max() < 1.5
 
 
 def test_nothing_is_found_of_another_kit_of_mirrored_cloth_or_without_cloth():
