@@ -22,7 +22,7 @@ from flatcloth.recordings.truth import TrueView, Truth
 from flatcloth.validation.adjustment import adjusted
 from flatcloth.validation.kit import Kit, read_kit
 from flatcloth.validation.markers import terms
-from flatcloth.validation.validate import Validation, cell_errors, validate
+from flatcloth.validation.validate import Validation, validate
 
 MOST_FACING_DEG = 55.0
 """Markers that face the camera within this angle are asked for."""
@@ -90,8 +90,7 @@ def compared(found: Validation, recording: Any, truth: Truth) -> dict[str, Any]:
         ("angles 1 degree off", 1.0, axis, angles + (-1.0) ** np.arange(len(angles))),
     ):
         seen = replace(found.seen, corners_m=found.seen.corners_m * scale)
-        cell = adjusted(seen, found.truth.kit, its_axis, recording.held_point_m, its_angles.tolist())
-        errors = cell_errors(cell) if cell else []
+        errors, _ = adjusted(seen, found.truth.kit, its_axis, recording.held_point_m, its_angles.tolist())
         row[fault] = {e["name"]: [round(e["size"], 2), round(e["std"], 2), e["is_fault"]] for e in errors}
     return row
 

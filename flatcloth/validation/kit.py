@@ -33,7 +33,9 @@ _DICTIONARIES = {"DICT_APRILTAG_36h11": 587, "DICT_6X6_1000": 1000}
 _REMEDY = "Restore the file, or make a kit: flatcloth kit."
 SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 """The corners of a marker in OpenCV's order: clockwise from its own top left; x right, y down."""
-NEAR = 2.0
+PAIRS = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3)]).T
+"""Corners between which the sides of a marker are, and its diagonals."""
+_NEAR = 2.0
 """Neighbours are within so many sides of a marker: their cells are side by side or at a corner. Chosen: no
 fold is hidden between."""
 _A4_MM, _MARGIN_MM = np.array([210.0, 297.0]), np.array([10.0, 20.0])
@@ -88,10 +90,26 @@ class Kit(msgspec.Struct, frozen=True, dict=True):
         """The sheet of each id."""
         return {marker.id: int(marker.sheet) for marker in self.markers}
 
+    @cached_property
+    def places_m(self) -> dict[int, Float64]:
+        """The corners (4, 2) of each id, those of sheet 2 three widths to the right of those of sheet 1."""
+        apart_m = 3e-3 * self.size_mm[0]
+        return {i: self.corners_m[i] + ((sheet - 1) * apart_m, 0.0) for i, sheet in self.sheet.items()}
+
+    @property
+    def side_m(self) -> float:
+        """The side of a marker."""
+        return math.dist(*self.markers[0].corners_mm[:2]) / 1e3
+
     @property
     def reach_m(self) -> float:
         """The largest distance of neighbouring markers."""
-        return NEAR * math.dist(*self.markers[0].corners_mm[:2]) / 1e3
+        return _NEAR * self.side_m
+
+
+def lengths(corners: Float64) -> Float64:
+    """Return the lengths (..., 6) of sides and diagonals of markers with corners (..., 4, D)."""
+    return np.asarray(np.linalg.norm(corners[..., PAIRS[1], :] - corners[..., PAIRS[0], :], axis=-1))
 
 
 def marker_at(marker_id: int, sheet: int, corners_m: Float64) -> Marker:
@@ -167,7 +185,7 @@ def grid_kit(size_m: tuple[float, float], cell_m: float, sides: int, stickers: i
 def tiles(kit: Kit) -> list[Figure]:
     """Return A4 pages of whole cells with marks at their corners, row by row."""
     found: list[Figure] = []
-    cell = float(np.ptp(next(iter(kit.corners_m.values()))[:, 0])) / MARKER_SHARE * 1e3
+    cell = 1e3 * kit.side_m / MARKER_SHARE
     step = np.maximum((_A4_MM - 2 * _MARGIN_MM + 1e-6) // cell, 1) * cell
     inner = (np.array(kit.size_mm) - 2e3 * HEM_M + 1e-6) // cell * cell
     columns, rows = (int(n) for n in np.ceil(inner / step - 1e-6))
@@ -207,7 +225,7 @@ def _drawn(kit: Kit, sheet: int, size: Float64, low: Float64, high: Float64, pla
     axes.set_axis_off()
     middles = 1e3 * _modules(kit, sheet)[0]
     middles = middles[((middles > low) & (middles < high)).all(axis=1)]
-    side = 1e3 * kit.reach_m / NEAR / len(dictionary_codes(kit.dictionary)[0])
+    side = 1e3 * kit.side_m / len(dictionary_codes(kit.dictionary)[0])
     corners = middles[:, None] + side / 2 * SQUARE  # kits to be printed are upright
     axes.add_patch(PathPatch(Outline.make_compound_path_from_polys(corners), fc="black", lw=0, snap=False))
     left, foot = corner[0] + 1e3 * HEM_M, corner[1] + size[1] - 6.0

@@ -7,7 +7,6 @@ a fitted marker are predicted and fitted in turn, which needs no reading.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,20 +23,10 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.optimize import least_squares
 from scipy.spatial import Delaunay
 
-from flatcloth.core.types import (
-    Bool,
-    FlattenedView,
-    Float32,
-    Float64,
-    Int64,
-    Progress,
-    RgbdFrame,
-    Uint8,
-    no_progress,
-)
+from flatcloth.core.types import Bool, FlattenedView, Float64, Int64, Progress, RgbdFrame, Uint8, no_progress
 from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.recordings.base import Recording
-from flatcloth.validation.kit import NEAR, SQUARE, Kit, KitError, dictionary_codes, marker_at, read_kit
+from flatcloth.validation.kit import SQUARE, Kit, KitError, dictionary_codes, lengths, marker_at, read_kit
 
 _MOST_UP, _LARGE_PX = 3, 2600
 """Images are enlarged to so many times and pixels at most before reading. Chosen: codes of 17 px are read."""
@@ -57,8 +46,6 @@ _LEAST_PIXELS, _LEAST_SHARE, _OUTLIER = 24, 0.7, 3.0
 count. Chosen: four times the unknowns."""
 _FEWEST, _LEAST_STICKERS = 6, 4
 """Fewer markers prove nothing; fewer stickers fix a plane badly. Chosen."""
-APART_M = 100.0
-"""Distance of the sheets where places of both are told, larger than any sheet. By definition."""
 _MOST_OFF = 0.03
 """Root mean square by which stickers may differ from squares, a share of their side. Chosen: bent ones differ
 by more, those of a photo taken from 1 m by a hundredth."""
@@ -110,7 +97,7 @@ def terms(places: Float64) -> Float64:
     return np.stack([np.ones_like(x), x, y, x * y, x * x, y * y], axis=-1)
 
 
-def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
+def _fitted(image: NDArray[np.float32], black: Bool, guess_px: Float64) -> Float64 | None:
     """Return the corners (4, 2) of a marker that is where it was guessed, otherwise None.
 
     Gauss-Newton steps for the map of second order, the contrast, the brightness and its slope that minimise
@@ -150,7 +137,7 @@ def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
     return corners @ motion if is_code and is_print else None
 
 
-def _looked_up(image: Float32, at_px: Float64) -> Float64:
+def _looked_up(image: NDArray[np.float32], at_px: Float64) -> Float64:
     """Return the values (N,) or (N, K) of an image at places (N, 2)."""
     x, y = np.ascontiguousarray(at_px.T[:, None], dtype=np.float32)
     return np.asarray(cv2.remap(image, x, y, cv2.INTER_CUBIC)[0], dtype=np.float64)
@@ -232,14 +219,11 @@ class KitTruth:
     corners_px: Callable[[int], Mapping[int, Float64]]
 
     def places(self, view_index: int, at_px: Float64) -> Float64:
-        """Return the places (N, 2), metres, of (x, y) (N, 2) in a view; NaN if markers do not show them.
-
-        Those of sheet 2 are ``APART_M`` to the right of those of sheet 1.
-        """
+        """Return the places (N, 2), as in ``Kit.places_m``, of (x, y) (N, 2) in a view; NaN if unknown."""
         found, kit, seen = np.full((len(at_px), 2), np.nan), self.kit, self.corners_px(view_index)
         if not seen:
             return found
-        flat = np.concatenate([kit.corners_m[i] + (APART_M * (kit.sheet[i] - 1), 0.0) for i in seen])
+        flat = np.concatenate([kit.places_m[i] for i in seen])
         between = Delaunay(np.concatenate(list(seen.values())))
         triangles = [at[between.simplices] for at in (flat, between.points)]
         sides, seen_sides = (np.roll(each, -1, axis=1) - each for each in triangles)
@@ -260,7 +244,7 @@ class KitTruth:
         true_m = np.full((len(source), 2), np.nan)
         for n in np.unique(source):
             true_m[source == n] = self.places(int(n), at_px[source == n])
-        is_known, is_second = np.isfinite(true_m[:, 0]), true_m[:, 0] > APART_M / 2
+        is_known, is_second = np.isfinite(true_m[:, 0]), true_m[:, 0] > 2e-3 * self.kit.size_mm[0]
         is_known &= is_second == (2 * is_second.sum() > is_known.sum())
         known, true_m = view.valid.copy(), true_m[is_known]
         known[known] = is_known
@@ -291,7 +275,6 @@ def measured_kit(kit: Kit, photos: Sequence[Uint8]) -> Kit:
     if len(photos) > 2:
         raise KitError(f"--from-photo: {len(photos)} photos. Give one of the front, and one of the back.")
     found: dict[int, tuple[int, Float64]] = {}
-    side_m = kit.reach_m / NEAR
     for number, photo in enumerate(photos, start=1):
         seen = found_markers(photo, msgspec.structs.replace(kit, is_measured=False))
         if len(seen) < _LEAST_STICKERS or not found.keys().isdisjoint(seen):
@@ -299,10 +282,10 @@ def measured_kit(kit: Kit, photos: Sequence[Uint8]) -> Kit:
                 f"Photo {number}: {len(seen)} stickers are read. Each photo needs {_LEAST_STICKERS} that "
                 "no other one shows; come nearer, or turn the garment over."
             )
-        places = _flat_places(np.stack(list(seen.values())), side_m)
-        places += side_m - places.min(axis=(0, 1))  # a plain margin
+        places = _flat_places(np.stack(list(seen.values())), kit.side_m)
+        places += kit.side_m - places.min(axis=(0, 1))  # a plain margin
         found |= {i: (number, corners_m) for i, corners_m in zip(seen, places, strict=True)}
-    far_m = np.max([corners_m for _, corners_m in found.values()], axis=(0, 1)) + side_m
+    far_m = np.max([corners_m for _, corners_m in found.values()], axis=(0, 1)) + kit.side_m
     width_mm, height_mm = (1e3 * far_m).round(3).tolist()
     markers = [marker_at(i, *place) for i, place in found.items()]
     return msgspec.structs.replace(kit, size_mm=(width_mm, height_mm), is_measured=True, markers=markers)
@@ -310,22 +293,16 @@ def measured_kit(kit: Kit, photos: Sequence[Uint8]) -> Kit:
 
 def _flat_places(corners_px: Float64, side_m: float) -> Float64:
     """Return the corners (K, 4, 2) on the plane, metres: by the homography that makes squares of them."""
-    image = (corners_px - corners_px.mean(axis=(0, 1))) / np.ptp(corners_px, axis=(0, 1)).max()
-    one, other = np.array(list(itertools.combinations(range(4), 2))).T
-    true_m = side_m * np.where((other - one) == 2, np.sqrt(2), 1.0)  # sides, and two diagonals
-    scale_m = true_m.mean() / np.linalg.norm(image[:, one] - image[:, other], axis=2).mean()
+    square = side_m / 2 * SQUARE
+    first = cv2.getPerspectiveTransform(*np.array([corners_px[0], square], dtype=np.float32))
 
-    def flat(parameters: Float64) -> Float64:
-        a, b, c, d, e = parameters
-        motion = np.array([[a * scale_m, b * scale_m, 0], [0, c * scale_m, 0], [d, e, 1]])
-        return np.asarray(cv2.perspectiveTransform(image, motion), dtype=np.float64)
+    def flat(motion: Float64) -> Float64:
+        return np.asarray(cv2.perspectiveTransform(corners_px, np.append(motion, 1.0).reshape(3, 3)))
 
-    def differences(parameters: Float64) -> Float64:
-        return np.ravel(
-            np.linalg.norm(flat(parameters)[:, one] - flat(parameters)[:, other], axis=2) - true_m
-        )
+    def differences(motion: Float64) -> Float64:
+        return (lengths(flat(motion)) - lengths(square)).ravel()
 
-    found = least_squares(differences, [1.0, 0.0, 1.0, 0.0, 0.0])
+    found = least_squares(differences, (first / first[2, 2]).ravel()[:8], x_scale="jac")
     off_m = float(np.sqrt(np.square(found.fun).mean()))
     if off_m > _MOST_OFF * side_m:
         raise KitError(

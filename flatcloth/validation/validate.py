@@ -6,7 +6,6 @@ Errors of the cell itself follow from markers alone: :mod:`flatcloth.validation.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from html import escape
@@ -26,29 +25,14 @@ from flatcloth.recordings.base import Recording
 from flatcloth.rendering.drawing import add_ramp
 from flatcloth.rendering.layers import legend, rgba
 from flatcloth.rendering.pictures import cropped
-from flatcloth.validation.adjustment import Adjustment, adjusted
-from flatcloth.validation.kit import Kit, KitError
+from flatcloth.validation.adjustment import adjusted
+from flatcloth.validation.kit import Kit, KitError, lengths
 from flatcloth.validation.markers import KitTruth, Sightings, sightings_of
 
 _LEAST_PIXELS = 50
 """Pieces of which markers show fewer pixels are not judged. Chosen: about a square centimetre."""
-_SURE = 3.0
-"""Errors within so many deviations are none. Chosen."""
-_SHARED_STD = 0.003
-"""Deviation of focal length and depth that the sightings share, as folds are smoothed: right cells are off by
-.2 to .5 %. Measured by ``python -m benchmarks validation``."""
-_SCORINGS = 50
-"""Chosen: more change nothing."""
 _STEP_DEG = 20
 """Width of the ranges of incidence of which depth is told. Chosen."""
-_FAULTS = {
-    "depth": ("%", 1.0, "Depth is off by {:+.1f} %: --depth-factor {:.3f} mends it."),
-    "focal length": ("%", 1.0, "The focal length is off by {:+.1f} %: --focal-factor {:.4f} mends it."),
-    "axis": ("mm", 2.0, "The turning axis is {:.1f} mm off: --estimate-axis mends it."),
-    "angles": ("deg", 0.3, "The angles of views are {:.1f} degrees off, root mean square."),
-    "sway": ("mm", 2.0, "The lowest marker sways by {:.1f} mm from view to view, root mean square."),
-}
-"""Unit, the size from which on it matters, the sentence. Sizes are chosen: each moves cloth by about 2 mm."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +67,7 @@ class Validation:
                 if (about := legend(view, layer, self.axis, ()))["kind"] == "ramp":
                     add_ramp(axes, about["title"], about["colors"], about["low"], about["high"])
                 yield f"<figure>{Figure(name=name, caption=name, drawing=drawing).svg()}</figure>"
-        form = "{size:.2f} \u00b1 {std:.2f} {unit}"
-        errors = [(error["name"], form.format(**error)) for error in self.document["errors"]]
-        yield table_html(("error of the cell", "size, one standard deviation"), errors)
-        for rows in (self.document[name] for name in ("depth", "pieces", "views")):
+        for rows in (self.document[name] for name in ("errors", "depth", "pieces", "views")):
             cells = [[v if isinstance(v, str) else f"{v:.3g}" for v in row.values()] for row in rows]
             yield table_html([name.replace("_", " ") for name in next(iter(rows), {})], cells)
 
@@ -107,8 +88,8 @@ def validate(
     seen = sightings_of(recording, kit, progress)
     shape = integrate(recording, method=method, sides=sides, progress=progress)
     axis = recording.rotation_axis or shape.axis
-    if cell := adjusted(seen, kit, axis, recording.held_point_m, recording.angles_deg):
-        seen = replace(seen, corners_px=seen.corners_px - cell.moved_px)
+    errors, moved_px = adjusted(seen, kit, axis, recording.held_point_m, recording.angles_deg)
+    seen = replace(seen, corners_px=seen.corners_px - moved_px)
     views = {"this side": shape.view} | ({"other side": shape.other} if shape.other is not None else {})
     for side, its_pieces in (("this side", shape.pieces), ("other side", shape.other_pieces)):
         views |= {f"{side}, piece {n}": view for n, view in enumerate(its_pieces, start=1)}
@@ -150,7 +131,7 @@ def validate(
             for n in np.unique(source).astype(int).tolist()
         ],
         "depth": depth_by_incidence(seen, kit),
-        "errors": cell_errors(cell) if cell else [],
+        "errors": errors,
     }
     return Validation(document | {"lines": _lines(document)}, seen, truth, axis, views)
 
@@ -194,64 +175,20 @@ def _lines(document: dict[str, Any]) -> list[str]:
     ]
 
 
-def cell_errors(found: Adjustment) -> list[dict[str, Any]]:
-    """Return the errors of a cell with their deviations; one that is beyond it, and matters, is a fault."""
-    std = np.sqrt(np.diag(found.covariance))
-    std[:2] = np.hypot(std[:2], _SHARED_STD)
-    focal, depth, right, near = found.common[:4].tolist()
-    # The axis is recorded as the depth camera sees it; if that is off, or where it truly is.
-    seen_m = math.exp(-depth) * (found.distance_m - near)
-    slope = np.array([0.0, -seen_m, 0.0, -math.exp(-depth)])
-    off_m = abs(seen_m - found.distance_m), math.sqrt(slope @ found.covariance[:4, :4] @ slope)
-    if abs(depth) > max(_SURE * std[1], _FAULTS["depth"][1] / 100):
-        off_m = min(off_m, (abs(near), math.hypot(std[3], _SHARED_STD * found.distance_m)))
-    angle, *sway = (_spread(found.of_view[:, k], np.square(std[6 + k :: 3])) for k in range(3))
-    sizes = [
-        (100 * math.expm1(-depth), 100 * std[1], math.exp(depth)),
-        (100 * math.expm1(-focal), 100 * std[0], math.exp(focal)),
-        (1e3 * math.hypot(right, off_m[0]), 1e3 * math.hypot(std[2], off_m[1]), 0.0),
-        (*np.degrees(angle), 0.0),
-        (*(1e3 * found.below_m * np.mean(sway, axis=0)), 0.0),
-    ]
-    return [
-        {
-            **{"name": name, "unit": unit, "size": float(size), "std": float(its_std)},
-            "is_fault": bool(abs(size) > max(_SURE * its_std, matters)),
-            "text": text.format(size, mend),
-        }
-        for (name, (unit, matters, text)), (size, its_std, mend) in zip(_FAULTS.items(), sizes, strict=True)
-    ]
-
-
-def _spread(off: Float64, variance: Float64) -> Float64:
-    """Return the deviation of errors (V,) of views beyond the variances (V,) of their estimates, and its own.
-
-    That of most likelihood, by the scoring of Fisher.
-    """
-    square = 0.0
-    for _ in range(_SCORINGS):
-        weight = np.square(1 / (square + variance))
-        square = max(float(weight @ (np.square(off) - variance)) / float(weight.sum()), 0.0)
-    return np.array([math.sqrt(square), math.sqrt(square + math.sqrt(2 / weight.sum())) - math.sqrt(square)])
-
-
 def depth_by_incidence(seen: Sightings, kit: Kit) -> list[dict[str, Any]]:
     """Return noise and lengths of depth inside markers, by the angle between line of sight and normal.
 
     ``longer_percent`` is the median by which sides of markers are too long; bent ones are too short.
     """
-    places_m, true_m = seen.corners_m, np.stack([kit.corners_m[i] for i in seen.marker.tolist()])
-    side_m, true_side_m = (
-        np.linalg.norm(np.diff(c, axis=1), axis=2).mean(axis=1) for c in (places_m, true_m)
-    )
-    incidence_deg = np.degrees(np.arccos(seen.cosine))
+    side_m = np.stack([lengths(kit.corners_m[i]) for i in seen.marker.tolist()])
+    longer = (lengths(seen.corners_m) / side_m)[:, :4].mean(axis=1) - 1
+    step = np.degrees(np.arccos(seen.cosine)) // _STEP_DEG
     return [
         {
-            "incidence_deg": f"{low} to {low + _STEP_DEG}",
-            "sightings": int(own.sum()),
-            "noise_mm": 1e3 * float(np.median(seen.noise_m[own])),
-            "longer_percent": 100 * float(np.median(side_m[own] / true_side_m[own])) - 100,
+            "incidence_deg": f"{_STEP_DEG * n} to {_STEP_DEG * (n + 1)}",
+            "sightings": int((step == n).sum()),
+            "noise_mm": 1e3 * float(np.median(seen.noise_m[step == n])),
+            "longer_percent": 100 * float(np.median(longer[step == n])),
         }
-        for low in range(0, 90, _STEP_DEG)
-        if (own := incidence_deg // _STEP_DEG * _STEP_DEG == low).any()
+        for n in np.unique(step[np.isfinite(step)]).astype(int).tolist()
     ]

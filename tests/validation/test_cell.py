@@ -14,7 +14,7 @@ from flatcloth.core.types import Intrinsics, RotationAxis
 from flatcloth.validation.adjustment import adjusted
 from flatcloth.validation.kit import grid_kit
 from flatcloth.validation.markers import Sightings
-from flatcloth.validation.validate import cell_errors, depth_by_incidence
+from flatcloth.validation.validate import depth_by_incidence
 
 KIT = grid_kit((0.48, 0.42), 0.03, 1)
 CAMERA = Intrinsics(width=640, height=640, fx=600.0, fy=600.0, cx=319.5, cy=319.5)
@@ -55,9 +55,8 @@ def found(
     seen: Sightings | None = None,
 ) -> dict[str, dict]:
     seen = seen or replace(sightings(), corners_m=sightings().corners_m * scale)
-    cell = adjusted(seen, KIT, axis, None, angles_deg.tolist())
-    assert cell is not None
-    return {error["name"]: error for error in cell_errors(cell)}
+    errors, _ = adjusted(seen, KIT, axis, None, angles_deg.tolist())
+    return {error["name"]: error for error in errors}
 
 
 def test_sway_is_found_beside_the_noise():
@@ -84,7 +83,7 @@ def test_a_right_cell_has_no_errors_and_one_view_judges_nothing():
     assert not [error["text"] for error in errors.values() if error["is_fault"]]
     assert all(abs(error["size"]) < 4 * error["std"] for error in errors.values())
     one_view = np.where(sightings().view < 1, 1.0, np.nan)[:, None, None] * sightings().corners_m
-    assert adjusted(replace(sightings(), corners_m=one_view), KIT, AXIS, None, ANGLES_DEG.tolist()) is None
+    assert adjusted(replace(sightings(), corners_m=one_view), KIT, AXIS, None, ANGLES_DEG.tolist())[0] == []
 
 
 RANDOM_DEG = np.random.default_rng(3).normal(size=len(ANGLES_DEG))
@@ -114,8 +113,7 @@ def test_what_alignment_to_depth_moves_is_put_back_and_adds_no_error():
     moved_px = np.stack([0 * shift_px, np.rint(shift_px) - shift_px], axis=-1)
     aside_m = np.dstack([moved_px / CAMERA.fx, 0 * shift_px]) * seen.corners_m[..., 2:]
     seen = replace(seen, corners_m=seen.corners_m + aside_m, corners_px=seen.corners_px + moved_px)
-    cell = adjusted(seen, KIT, AXIS, None, ANGLES_DEG.tolist())
-    assert cell is not None
-    assert np.median(np.abs(moved_px - cell.moved_px)) < 0.3 * np.median(np.abs(moved_px[..., 1]))
-    for error in cell_errors(cell):
+    errors, found_px = adjusted(seen, KIT, AXIS, None, ANGLES_DEG.tolist())
+    assert np.median(np.abs(moved_px - found_px)) < 0.3 * np.median(np.abs(moved_px[..., 1]))
+    for error in errors:
         assert error["size"] == pytest.approx(right[error["name"]]["size"], abs=0.3)
