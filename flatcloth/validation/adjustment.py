@@ -16,7 +16,6 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import horizontal_axes, rotations_by
-from flatcloth.core.graphs import components
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.validation.kit import PAIRS, Kit, lengths
 from flatcloth.validation.markers import Sightings, terms
@@ -62,9 +61,6 @@ def adjusted(
     moved_px, used = np.zeros((len(seen.marker), 4, 2)), seen.cosine > _LEAST_COSINE
     _, marker, count = np.unique(seen.marker[used], return_inverse=True, return_counts=True)
     used[used] = count[marker] > 1
-    apart = np.stack([seen.view, seen.view.max(initial=0) + 1 + seen.marker], axis=1)
-    label = components(int(apart.max(initial=0)) + 1, apart[used])[seen.view]
-    used &= label == np.bincount(label[used], minlength=1).argmax()  # views that share no marker do not meet
     if used.sum() < _LEAST_SIGHTINGS:
         return [], moved_px
     ids, marker = np.unique(seen.marker[used], return_inverse=True)

@@ -8,8 +8,8 @@ a fitted marker are predicted and fitted in turn, which needs no reading.
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -39,16 +39,11 @@ _BLUR_PX, _LEAST_BLUR = 0.55, 0.1
 """Blur of the print by camera and cloth in pixels, and the least in modules. Measured there: best."""
 _STIFFNESS = (*[1.0] * 5, *[0.01] * 9)
 """Weight against bending at each step. Measured there: the first find a marker, the others follow it."""
-_TRIES = 3
-"""So many predictions of a marker are tried. Chosen."""
 _LEAST_PIXELS, _LEAST_SHARE, _OUTLIER = 24, 0.7, 3.0
 """Measured pixels inside a marker for its depth, their share, and the deviations beyond which one does not
 count. Chosen: four times the unknowns."""
-_FEWEST, _LEAST_STICKERS = 6, 4
-"""Fewer markers prove nothing; fewer stickers fix a plane badly. Chosen."""
-_MOST_OFF = 0.03
-"""Root mean square by which stickers may differ from squares, a share of their side. Chosen: bent ones differ
-by more, those of a photo taken from 1 m by a hundredth."""
+_FEWEST = 6
+"""Fewer markers prove nothing. Chosen."""
 
 
 def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
@@ -63,14 +58,10 @@ def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
     prints, ids, sheets = dictionary_codes(kit.dictionary), *np.array(list(kit.sheet.items())).T
     centers = np.stack([kit.corners_m[i].mean(axis=0) for i in kit.sheet])
     found: dict[int, Float64] = {}
-    tries: Counter[int] = Counter()
     waiting = deque(_read(gray, kit))
     while waiting:
         i, guess_px = waiting.popleft()
-        tries[i] += 1
-        if i in found or tries[i] > _TRIES:
-            continue
-        if (corners_px := _fitted(image, prints[i], guess_px)) is not None:
+        if i not in found and (corners_px := _fitted(image, prints[i], guess_px)) is not None:
             found[i] = corners_px
             motion = cv2.getPerspectiveTransform(*np.array([kit.corners_m[i], corners_px], dtype=np.float32))
             apart = np.linalg.norm(centers - centers[ids == i], axis=1) / kit.reach_m
@@ -80,15 +71,14 @@ def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
 
 
 def _read(gray: NDArray[Any], kit: Kit) -> list[tuple[int, Float64]]:
-    """Return the ids of the kit that OpenCV reads once, and their corners (4, 2), roughly."""
+    """Return the ids of the kit that OpenCV reads, and their corners (4, 2), roughly."""
     up = int(np.clip(_LARGE_PX // max(gray.shape), 1, _MOST_UP))
     large = cv2.resize(gray, None, fx=up, fy=up, interpolation=cv2.INTER_CUBIC)
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, kit.dictionary))
     corners, found, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(large)
     ids = [int(i) for i in np.ravel(found)] if len(corners) else []
     places = (np.reshape(corners, (-1, 4, 2)).astype(np.float64) + 0.5) / up - 0.5
-    once = {i for i, times in Counter(ids).items() if times == 1} & kit.sheet.keys()
-    return [(i, place) for i, place in zip(ids, places, strict=True) if i in once]
+    return [(i, place) for i, place in zip(ids, places, strict=True) if i in kit.sheet]
 
 
 def terms(places: Float64) -> Float64:
@@ -183,9 +173,8 @@ def sightings_of(recording: Recording, kit: Kit, progress: Progress = no_progres
     view, marker, corners_px, corners_m, noise_m = columns
     if len(set(marker)) < _FEWEST:
         raise KitError(
-            f"{recording.location}: {len(set(marker))} markers of {kit.name} ({kit.dictionary}) found in "
-            f"{len(recording)} views. Give the kit that was printed with --kit, mirror no images, and "
-            "record nearer or sharper, or print larger cells: a marker needs 12 pixels."
+            f"{recording.location}: {len(set(marker))} markers of the kit {kit.name} are found. Give the kit "
+            "that was printed with --kit, and record nearer or sharper: a marker needs 12 pixels."
         )
     return Sightings(view=view, marker=marker, corners_px=corners_px, corners_m=corners_m, noise_m=noise_m)
 
@@ -263,50 +252,29 @@ class KitTruth:
 def kit_of(recording: Recording, given: Path | None = None) -> Kit:
     """Read the kit that was given, else the ``kit.json`` in the folder of the recording."""
     path = given or Path(recording.location) / "kit.json"
-    if given is None and not path.is_file():
-        raise KitError(f"{recording.location}: has no kit.json. Say what it shows: --kit kit.json.")
     if not (kit := read_kit(path)).is_measured:
         raise KitError(f"{path}: stickers are not measured. Photograph them: flatcloth kit --from-photo.")
     return kit
 
 
-def measured_kit(kit: Kit, photos: Sequence[Uint8]) -> Kit:
-    """Return a kit of the stickers in one or two photos (H, W, 3), RGB, of the front and of the back."""
-    if len(photos) > 2:
-        raise KitError(f"--from-photo: {len(photos)} photos. Give one of the front, and one of the back.")
-    found: dict[int, tuple[int, Float64]] = {}
-    for number, photo in enumerate(photos, start=1):
-        seen = found_markers(photo, msgspec.structs.replace(kit, is_measured=False))
-        if len(seen) < _LEAST_STICKERS or not found.keys().isdisjoint(seen):
-            raise KitError(
-                f"Photo {number}: {len(seen)} stickers are read. Each photo needs {_LEAST_STICKERS} that "
-                "no other one shows; come nearer, or turn the garment over."
-            )
-        places = _flat_places(np.stack(list(seen.values())), kit.side_m)
-        places += kit.side_m - places.min(axis=(0, 1))  # a plain margin
-        found |= {i: (number, corners_m) for i, corners_m in zip(seen, places, strict=True)}
-    far_m = np.max([corners_m for _, corners_m in found.values()], axis=(0, 1)) + kit.side_m
-    width_mm, height_mm = (1e3 * far_m).round(3).tolist()
-    markers = [marker_at(i, *place) for i, place in found.items()]
-    return msgspec.structs.replace(kit, size_mm=(width_mm, height_mm), is_measured=True, markers=markers)
+def measured_kit(kit: Kit, photo: Uint8) -> Kit:
+    """Return a kit of the stickers in a photo (H, W, 3), RGB, of a garment that lies flat.
 
-
-def _flat_places(corners_px: Float64, side_m: float) -> Float64:
-    """Return the corners (K, 4, 2) on the plane, metres: by the homography that makes squares of them."""
-    square = side_m / 2 * SQUARE
-    first = cv2.getPerspectiveTransform(*np.array([corners_px[0], square], dtype=np.float32))
+    The homography of the photo is the one that makes squares of them.
+    """
+    seen = found_markers(photo, msgspec.structs.replace(kit, is_measured=False))
+    if len(seen) < _FEWEST:
+        raise KitError(f"{len(seen)} stickers are read. Take the photo from above, near and sharp.")
+    corners_px, square = np.stack(list(seen.values())), kit.side_m / 2 * SQUARE
 
     def flat(motion: Float64) -> Float64:
         return np.asarray(cv2.perspectiveTransform(corners_px, np.append(motion, 1.0).reshape(3, 3)))
 
-    def differences(motion: Float64) -> Float64:
-        return (lengths(flat(motion)) - lengths(square)).ravel()
-
-    found = least_squares(differences, (first / first[2, 2]).ravel()[:8], x_scale="jac")
-    off_m = float(np.sqrt(np.square(found.fun).mean()))
-    if off_m > _MOST_OFF * side_m:
-        raise KitError(
-            f"Stickers of the photo differ from squares of {side_m * 1e3:.1f} mm by {off_m * 1e3:.1f} mm. "
-            "Lay the garment flat, and take the photo from above without a wide-angle lens."
-        )
-    return flat(found.x)
+    first = cv2.getPerspectiveTransform(*np.array([corners_px[0], square], dtype=np.float32))
+    first = (first / first[2, 2]).ravel()[:8]
+    found = least_squares(lambda x: (lengths(flat(x)) - lengths(square)).ravel(), first, x_scale="jac")
+    places = flat(found.x)
+    places += kit.side_m - places.min(axis=(0, 1))  # a plain margin
+    width_mm, height_mm = (1e3 * (places.max(axis=(0, 1)) + kit.side_m)).round(3).tolist()
+    markers = [marker_at(i, 1, corners_m) for i, corners_m in zip(seen, places, strict=True)]
+    return msgspec.structs.replace(kit, size_mm=(width_mm, height_mm), is_measured=True, markers=markers)

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth import __version__
 from flatcloth.api.integrating import Sides, integrate
 from flatcloth.core.types import FlattenedView, Float64, Progress, RotationAxis, no_progress
 from flatcloth.engine.evaluation import relative_errors_m
@@ -62,11 +61,10 @@ class Validation:
         yield from (f"<p>{escape(line)}</p>" for line in self.document["lines"])
         for name, flat in self.shape.items():
             view = self.truth.with_errors(flat)
-            for layer in ("color", "truth"):
-                drawing, axes = map_drawing(cropped(rgba(view, layer, self.axis, 1), view), name)
-                if (about := legend(view, layer, self.axis, ()))["kind"] == "ramp":
-                    add_ramp(axes, about["title"], about["colors"], about["low"], about["high"])
-                yield f"<figure>{Figure(name=name, caption=name, drawing=drawing).svg()}</figure>"
+            drawing, axes = map_drawing(cropped(rgba(view, "truth", self.axis, 1), view), name)
+            about = legend(view, "truth", self.axis, ())
+            add_ramp(axes, about["title"], about["colors"], about["low"], about["high"])
+            yield f"<figure>{Figure(name=name, caption=name, drawing=drawing).svg()}</figure>"
         for rows in (self.document[name] for name in ("errors", "depth", "pieces", "views")):
             cells = [[v if isinstance(v, str) else f"{v:.3g}" for v in row.values()] for row in rows]
             yield table_html([name.replace("_", " ") for name in next(iter(rows), {})], cells)
@@ -109,7 +107,6 @@ def validate(
     figures = _figures(error_mm)
     document = {
         "format": "flatcloth-validation/1",
-        "flatcloth": __version__,
         "recording": recording.name,
         "kit": kit.name,
         "sensor": None,  # for the user to fill in
@@ -152,22 +149,14 @@ def _piece(name: str, flat_m: Float64, true_m: Float64) -> dict[str, Any]:
 def _lines(document: dict[str, Any]) -> list[str]:
     shape, markers, errors = document["shape"], document["markers"], document["errors"]
     asked = "as asked" if document["is_within"] else f"not the {document['within_mm']:g} mm that are asked"
-    own, main, depth = shape["within_3_std_share"], document["pieces"][0], document["depth"]
+    own = shape["within_3_std_share"]
     faults = [error["text"] for error in errors if error["is_fault"]]
     return [
-        f"{document['recording']}: {markers['seen']} of {markers['of_kit']} markers of the kit "
-        f"{document['kit']}, {markers['sightings']} times.",
+        f"{document['recording']}: {markers['seen']} of {markers['of_kit']} markers, kit {document['kit']}.",
         f"In this cell 95 % of the cloth is within {shape['p95_mm']:.1f} mm of its place, half of it within "
         f"{shape['median_mm']:.1f} mm: {asked}. Markers show {shape['compared_share']:.0%} of the shape; "
         "the rest is often worse.",
-        f"Distances of 20 to 200 mm are right to {main['relative_p95_mm']:.1f} mm (95 %); the whole is "
-        f"off by {main['longer_percent']:+.1f} % in length.",
         *([] if own is None else [f"{own:.1%} of the cloth is within three of its own deviations."]),
-        *(
-            f"Depth seen at {row['incidence_deg']} degrees: noise of {row['noise_mm']:.1f} mm; lengths are "
-            f"off by {row['longer_percent']:+.1f} %."
-            for row in depth
-        ),
         *(
             faults
             or [f"Markers show {'no error of' if errors else 'too little of'} camera, axis and angles."]
@@ -186,7 +175,6 @@ def depth_by_incidence(seen: Sightings, kit: Kit) -> list[dict[str, Any]]:
     return [
         {
             "incidence_deg": f"{_STEP_DEG * n} to {_STEP_DEG * (n + 1)}",
-            "sightings": int((step == n).sum()),
             "noise_mm": 1e3 * float(np.median(seen.noise_m[step == n])),
             "longer_percent": 100 * float(np.median(longer[step == n])),
         }

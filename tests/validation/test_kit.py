@@ -29,23 +29,28 @@ from flatcloth.validation.markers import found_markers
 PX_PER_MM = 8.0
 
 
-def test_too_many_cells_are_refused_with_a_cell_that_fits():
-    with pytest.raises(KitError, match="1950 cells") as error:
-        grid_kit((1.2, 0.8), 0.03, 2)
-    cell = re.search(r"--cell (\d+), or", str(error.value))
-    assert cell is not None
-    assert len(grid_kit((1.2, 0.8), int(cell[1]) / 1e3, 2).corners_m) > 900
-    with pytest.raises(KitError, match=r"0 cells fit.*larger --size"):
-        grid_kit((0.04, 0.8), 0.03, 1)
+@pytest.mark.parametrize(
+    ("size_m", "cell_m", "sides", "fit"),
+    [
+        ((1.2, 0.8), 0.03, 2, 1950),
+        ((0.04, 0.8), 0.03, 1, 0),
+        ((5.1, 0.8), 0.18, 1, 112),
+        ((4.0, 4.0), 0.2, 1, 361),
+    ],
+)
+def test_what_cannot_be_printed_is_refused_with_what_can(size_m, cell_m, sides, fit):
+    with pytest.raises(KitError, match=rf"^{fit} cells fit\. Choose 4 to 1000: --size up to 5 m, --cell"):
+        grid_kit(size_m, cell_m, sides)
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         (lambda kit: kit["markers"].clear(), "markers is a list of 0"),
-        (lambda kit: kit["markers"][1].update(id=0), "marker 0 is there twice"),
-        (lambda kit: kit["markers"][1].update(id=900), "marker 900 is not one of DICT_APRILTAG_36h11"),
-        (lambda kit: kit["markers"][1]["corners_mm"].reverse(), "marker 1 has corners that do not go around"),
+        (lambda kit: kit.update(dictionary="DICT_4X4_50"), "dictionary"),
+        (lambda kit: kit["markers"][1].update(id=0), "an id is there twice"),
+        (lambda kit: kit["markers"][1].update(id=1000), "an id is there twice or unknown"),
+        (lambda kit: kit["markers"][1]["corners_mm"].reverse(), "an id is there twice or unknown"),
     ],
 )  # fmt: skip
 def test_a_wrong_file_is_named_in_one_line_with_a_remedy(tmp_path, change, said):
@@ -116,8 +121,8 @@ def test_the_command_writes_a_kit_and_refuses_in_one_line(tmp_path, capsys):
     said = json.loads(capsys.readouterr().out)
     assert {path.name for path in out.iterdir()} == set(said["written"])
     assert said["markers"] == len(read_kit(out / "kit.json").corners_m) == 90
-    assert main(["kit", "--out", str(out)]) == 2
-    assert "has a kit already" in capsys.readouterr().err
+    assert main(["kit", "--out", str(out), "--cell", "nan"]) == 2
+    assert "--cell 5 to 180" in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         main(["kit", "--out", str(out), "--size", "1,2"])
     assert "as 1.2x0.8" in capsys.readouterr().err

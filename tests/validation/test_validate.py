@@ -40,7 +40,7 @@ def test_the_bundled_kit_is_right_to_a_few_millimetres(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("recording", "kit", "said"),
     [
-        ("shirt-sleeve-clean", None, "--kit kit.json"),
+        ("shirt-sleeve-clean", None, "kit.json"),
         ("tshirt-kit", grid_kit((0.21, 0.27), 0.03, 1, stickers=12), "--from-photo"),
         ("tshirt-kit", grid_kit((1.2, 0.9), 0.035, 1), "Give the kit that was printed"),
     ],
