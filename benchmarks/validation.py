@@ -19,9 +19,10 @@ from flatcloth.engine.results.sides_truth import OtherTruth
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import altered, images_of
 from flatcloth.recordings.truth import TrueView, Truth
+from flatcloth.validation.adjustment import adjusted
 from flatcloth.validation.kit import Kit, read_kit
 from flatcloth.validation.markers import terms
-from flatcloth.validation.validate import Validation, cell_errors, validate
+from flatcloth.validation.validate import Validation, validate
 
 MOST_FACING_DEG = 55.0
 """Markers that face the camera within this angle are asked for."""
@@ -81,17 +82,15 @@ def compared(found: Validation, recording: Any, truth: Truth) -> dict[str, Any]:
             for key in ("median_mm", "p95_mm"):
                 row[f"{side} {key}"] = [by_kit[key], getattr(true, f"absolute_{key}")]
     axis, angles = recording.rotation_axis, np.array(recording.angles_deg)
-    turned = np.random.default_rng(1).normal(size=len(angles))
-    moved = replace(axis, point_m=axis.point_m + np.array([0.003, 0.0, 0.004]))
     for fault, scale, its_axis, its_angles in (
         ("none", 1.0, axis, angles),
         ("depth 2 % short", 0.98, axis, angles),
         ("focal length 3 % large", (1 / 1.03, 1 / 1.03, 1.0), axis, angles),
-        ("axis 5 mm off", 1.0, moved, angles),
-        ("angles 1 degree off", 1.0, axis, angles + turned / turned.std()),
+        ("axis 5 mm off", 1.0, replace(axis, point_m=axis.point_m + np.array([0.003, 0, 0.004])), angles),
+        ("angles 1 degree off", 1.0, axis, angles + (-1.0) ** np.arange(len(angles))),
     ):
         seen = replace(found.seen, corners_m=found.seen.corners_m * scale)
-        errors = cell_errors(seen, found.truth.kit, its_axis, recording.held_point_m, its_angles)
+        errors, _ = adjusted(seen, found.truth.kit, its_axis, recording.held_point_m, its_angles.tolist())
         row[fault] = {e["name"]: [round(e["size"], 2), round(e["std"], 2), e["is_fault"]] for e in errors}
     return row
 

@@ -15,12 +15,12 @@ SUMMARY = "write a coded fabric or stickers to print, with which accuracy is mea
 EXAMPLES = """examples:
   flatcloth kit --out my-kit --size 1.2x0.8                         one sheet, in A4 pages and whole
   flatcloth kit --out my-kit --size 0.5x0.7 --sides 2               front and back of a sewn pillow case
-  flatcloth kit --out my-kit --stickers 20                          stickers; then, from photos of the
-  flatcloth kit --out my-kit --from-photo front.jpg back.jpg        garment lying flat, their places"""
+  flatcloth kit --out my-kit --stickers 20                          stickers; then, from a photo of the
+  flatcloth kit --out my-kit --from-photo flat.jpg                  garment lying flat, their places"""
 
 
 def _size(text: str) -> tuple[float, float]:
-    numbers = re.fullmatch(r"(\d*\.?\d+)x(\d*\.?\d+)", text)
+    numbers = re.fullmatch(r"(\d{0,2}\.?\d{1,3})x(\d{0,2}\.?\d{1,3})", text)
     if numbers is None:
         raise argparse.ArgumentTypeError(f"{text}: give width and height in metres, as 1.2x0.8")
     return float(numbers[1]), float(numbers[2])
@@ -37,8 +37,8 @@ class Options(Output):
     cell: float = option("marker and gap", "MM", 30.0)
     sides: Literal["1", "2"] = option("sheets", default="1")
     stickers: int | None = option("single markers instead of a fabric", "N")
-    from_photo: tuple[Path, ...] | None = option(
-        "measure the stickers of the kit in DIR: a photo of the garment's front, and one of its back", "FILE"
+    from_photo: Path | None = option(
+        "measure the stickers of the kit in DIR by a photo of the garment lying flat", "FILE"
     )
 
 
@@ -50,12 +50,12 @@ def run(options: Options) -> None:
 
     written = ["kit.json"]
     if options.from_photo:
-        kit = measured_kit(read_kit(options.out / "kit.json"), [decode_color(n) for n in options.from_photo])
+        kit = measured_kit(read_kit(options.out / "kit.json"), decode_color(options.from_photo))
         write_kit(kit, options.out / "kit.json")
     else:
         size_m = options.size or ((0.21, 0.27) if options.stickers else (1.2, 0.8))
         kit = grid_kit(size_m, options.cell / 1e3, int(options.sides), options.stickers)
         written = write_pages(kit, options.out)
-    document = {"written": written, "markers": len(kit.corners_m), "dictionary": kit.dictionary}
-    held = f"{kit.name}: {len(kit.corners_m)} markers of {kit.dictionary}."
+    held = f"{kit.name}: {len(kit.corners_m)} markers."
+    document = {"written": written, "markers": len(kit.corners_m)}
     report(options, document, [held, f"Written to {options.out}: {', '.join(written)}."])

@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.decoding import MisfitError, fitted
 from flatcloth.core.errors import FlatclothError, os_errors_as
-from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Bool, Float64
+from flatcloth.export.files import write_file
 from flatcloth.recordings.files.text import load_table
 from flatcloth.rendering.drawing import figure_of
 
@@ -28,14 +28,13 @@ HEM_M = 0.015
 """Plain margin of a sheet. Chosen: the seam allowance of sewing patterns."""
 MARKER_SHARE = 0.8
 """Side of a marker over that of its cell. Chosen: leaves one module, an eighth of a marker, around each."""
-_DICTIONARIES = {"DICT_APRILTAG_36h11": 587, "DICT_6X6_1000": 1000}
-"""Dictionaries of new kits and their numbers of ids, the safer first."""
+_LEAST, _MOST = 4, 1000
+"""Least and most markers of new kits: as many as their dictionary has ids."""
 _REMEDY = "Restore the file, or make a kit: flatcloth kit."
 SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 """The corners of a marker in OpenCV's order: clockwise from its own top left; x right, y down."""
-NEAR = 2.0
-"""Neighbours are within so many sides of a marker: their cells are side by side or at a corner. Chosen: no
-fold is hidden between."""
+PAIRS = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3)]).T
+"""Corners between which the sides of a marker are, and its diagonals."""
 _A4_MM, _MARGIN_MM = np.array([210.0, 297.0]), np.array([10.0, 20.0])
 """Size of a page (ISO 216), and what printers and the scale need at each of its sides. Chosen."""
 _BAR_MM, _LINE_MM, _TEXT_MM = 100.0, 0.25, 3.0
@@ -51,8 +50,7 @@ class KitError(FlatclothError):
 
 
 Size = Annotated[float, msgspec.Meta(gt=0, le=1e4)]
-Place = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
-Point = tuple[Place, Place]
+Point = tuple[float, float]
 
 
 class Marker(msgspec.Struct, frozen=True):
@@ -73,10 +71,10 @@ class Kit(msgspec.Struct, frozen=True, dict=True):
 
     format: Literal["flatcloth-kit/1"]
     name: str
-    dictionary: str
     size_mm: tuple[Size, Size]
     is_measured: bool
     markers: Annotated[list[Marker], msgspec.Meta(min_length=1)]
+    dictionary: Literal["DICT_6X6_1000", "DICT_APRILTAG_36h11"] = "DICT_6X6_1000"
 
     @cached_property
     def corners_m(self) -> dict[int, Float64]:
@@ -88,10 +86,26 @@ class Kit(msgspec.Struct, frozen=True, dict=True):
         """The sheet of each id."""
         return {marker.id: int(marker.sheet) for marker in self.markers}
 
+    @cached_property
+    def places_m(self) -> dict[int, Float64]:
+        """The corners (4, 2) of each id, those of sheet 2 three widths to the right of those of sheet 1."""
+        apart_m = 3e-3 * self.size_mm[0]
+        return {i: self.corners_m[i] + ((sheet - 1) * apart_m, 0.0) for i, sheet in self.sheet.items()}
+
+    @property
+    def side_m(self) -> float:
+        """The side of a marker."""
+        return math.dist(*self.markers[0].corners_mm[:2]) / 1e3
+
     @property
     def reach_m(self) -> float:
-        """The largest distance of neighbouring markers."""
-        return NEAR * math.dist(*self.markers[0].corners_mm[:2]) / 1e3
+        """The largest distance of neighbouring markers: cells side by side or at a corner. Chosen."""
+        return 2.0 * self.side_m
+
+
+def lengths(corners: Float64) -> Float64:
+    """Return the lengths (..., 6) of sides and diagonals of markers with corners (..., 4, D)."""
+    return np.asarray(np.linalg.norm(corners[..., PAIRS[1], :] - corners[..., PAIRS[0], :], axis=-1))
 
 
 def marker_at(marker_id: int, sheet: int, corners_m: Float64) -> Marker:
@@ -103,34 +117,24 @@ def read_kit(path: Path) -> Kit:
     """Read and check a ``kit.json``; ``KitError`` or ``RecordingError`` name what is wrong."""
     try:
         kit = fitted(load_table(path), Kit)
-        known = len(dictionary_codes(kit.dictionary))
-    except (MisfitError, KitError) as error:
+    except MisfitError as error:
         raise KitError(f"{path}: {error}. {_REMEDY}") from error
-    ids = [marker.id for marker in kit.markers]
-    for n, i in enumerate(ids):
-        sides = np.roll(kit.corners_m[i], -1, axis=0) - kit.corners_m[i]
-        turns = np.linalg.det(np.stack([sides, np.roll(sides, -1, axis=0)], axis=1))
-        wrong = {
-            "is there twice": i in ids[:n],
-            f"is not one of {kit.dictionary}, 0 to {known - 1}": i >= known,
-            "has corners that do not go around clockwise": turns.min() <= 0,
-        }
-        if cause := next((cause for cause, is_so in wrong.items() if is_so), None):
-            raise KitError(f"{path}: marker {i} {cause}. {_REMEDY}")
+    known, corners = len(dictionary_codes(kit.dictionary)), np.array(list(kit.corners_m.values()))
+    sides = np.roll(corners, -1, axis=1) - corners
+    turns = np.linalg.det(np.stack([sides, np.roll(sides, -1, axis=1)], axis=2))
+    if len(corners) < len(kit.markers) or max(kit.corners_m) >= known or turns.min() <= 0:
+        raise KitError(f"{path}: an id is there twice or unknown, or corners are not clockwise. {_REMEDY}")
     return kit
 
 
 def write_kit(kit: Kit, path: Path) -> None:
     """Write a ``kit.json``."""
-    with os_errors_as(KitError, f"{path}: cannot be written", "Choose a writable folder."):
-        replace_file(path, msgspec.json.format(msgspec.json.encode(kit), indent=0))
+    write_file(path, msgspec.json.format(msgspec.json.encode(kit), indent=0))
 
 
 @lru_cache(maxsize=4)
 def dictionary_codes(name: str) -> Bool:
     """Return which modules (K, N, N) of the markers of a dictionary are black, with their borders."""
-    if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
-        raise KitError(f"{name:.60} is no dictionary of OpenCV")
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     ids, side = range(len(dictionary.bytesList)), dictionary.markerSize + 2
     return np.stack([cv2.aruco.generateImageMarker(dictionary, i, side) == 0 for i in ids])
@@ -142,32 +146,24 @@ def grid_kit(size_m: tuple[float, float], cell_m: float, sides: int, stickers: i
     ``stickers`` are that many cells of one sheet, whose places on a garment are not measured yet. Ids are in
     the order of reading. ``KitError`` says what cannot be printed, and what can.
     """
-    given = f"--size {size_m[0]:g}x{size_m[1]:g} --cell {cell_m * 1e3:g}"
-    if not (0.005 <= cell_m <= 0.18 and max(size_m) <= 5.0 and (stickers is None or stickers >= 4)):
-        raise KitError(f"{given}: choose cells of 5 to 180 mm, sheets up to 5 m, and 4 stickers or more.")
-    columns, rows = (int((side - 2 * HEM_M) / cell_m + 1e-6) for side in size_m)
-    count, most = stickers or columns * rows * sides, max(_DICTIONARIES.values())
-    if columns * rows * sides < max(count, 1):
-        raise KitError(f"{given}: {columns * rows} cells fit within the hem. Choose a larger --size.")
-    if count > most:
-        larger = math.ceil(cell_m * 1e3 * math.sqrt(count / most))
-        said = f"{count} cells, but a dictionary has {most} ids. Choose --cell {larger}, or a smaller --size."
-        raise KitError(f"{given} --sides {sides}: {said}")
+    columns, rows = (max(int((side - 2 * HEM_M) / max(1e-3, cell_m) + 1e-6), 0) for side in size_m)
+    fit = columns * rows * sides
+    count = fit if stickers is None else stickers
+    if not (0.005 <= cell_m <= 0.18 and max(size_m) <= 5.0 and _LEAST <= count <= min(fit, _MOST)):
+        raise KitError(f"{fit} cells fit. Choose {_LEAST} to {_MOST}: --size up to 5 m, --cell 5 to 180.")
     first = (np.array(size_m) - np.array([columns, rows]) * cell_m) / 2
     cells = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 1, 2)
     corners_m = first + (SQUARE * MARKER_SHARE / 2 + 0.5 + cells) * cell_m
     size_mm = round(1e3 * size_m[0], 3), round(1e3 * size_m[1], 3)
-    kind = f"{stickers} stickers" if stickers else f"{size_mm[0]:g} x {size_mm[1]:g} mm"
-    name = f"{kind}, cells of {cell_m * 1e3:g} mm" + ", front and back" * (sides == 2)
-    dictionary = next(name for name, ids in _DICTIONARIES.items() if count <= ids)
+    name = f"{size_mm[0]:g} x {size_mm[1]:g} mm, cells of {cell_m * 1e3:g} mm"
     markers = [marker_at(i, i // len(cells) + 1, corners_m[i % len(cells)]) for i in range(count)]
-    return Kit("flatcloth-kit/1", name, dictionary, size_mm, stickers is None, markers)
+    return Kit("flatcloth-kit/1", name, size_mm, stickers is None, markers)
 
 
 def tiles(kit: Kit) -> list[Figure]:
     """Return A4 pages of whole cells with marks at their corners, row by row."""
     found: list[Figure] = []
-    cell = float(np.ptp(next(iter(kit.corners_m.values()))[:, 0])) / MARKER_SHARE * 1e3
+    cell = 1e3 * kit.side_m / MARKER_SHARE
     step = np.maximum((_A4_MM - 2 * _MARGIN_MM + 1e-6) // cell, 1) * cell
     inner = (np.array(kit.size_mm) - 2e3 * HEM_M + 1e-6) // cell * cell
     columns, rows = (int(n) for n in np.ceil(inner / step - 1e-6))
@@ -207,7 +203,7 @@ def _drawn(kit: Kit, sheet: int, size: Float64, low: Float64, high: Float64, pla
     axes.set_axis_off()
     middles = 1e3 * _modules(kit, sheet)[0]
     middles = middles[((middles > low) & (middles < high)).all(axis=1)]
-    side = 1e3 * kit.reach_m / NEAR / len(dictionary_codes(kit.dictionary)[0])
+    side = 1e3 * kit.side_m / len(dictionary_codes(kit.dictionary)[0])
     corners = middles[:, None] + side / 2 * SQUARE  # kits to be printed are upright
     axes.add_patch(PathPatch(Outline.make_compound_path_from_polys(corners), fc="black", lw=0, snap=False))
     left, foot = corner[0] + 1e3 * HEM_M, corner[1] + size[1] - 6.0
@@ -221,16 +217,14 @@ def _drawn(kit: Kit, sheet: int, size: Float64, low: Float64, high: Float64, pla
 
 
 def write_pages(kit: Kit, folder: Path) -> list[str]:
-    """Write a kit and its pages to a folder without one, which may be printed; return the names of files."""
+    """Write a kit and its pages to a new folder; return the names of files."""
     from matplotlib.backends.backend_pdf import PdfPages
 
-    if (folder / "kit.json").exists():
-        raise KitError(f"{folder}: has a kit already, which may be printed. Choose a new folder.")
     size: Float64 = np.array(kit.size_mm)
     whole = [_drawn(kit, n, size, 0 * size, size) for n in sorted({*kit.sheet.values()})]
     names = ["kit-a4.pdf", "kit-whole.pdf", *(f"kit-sheet-{n + 1}.svg" for n in range(len(whole)))]
-    with os_errors_as(KitError, f"{folder}: cannot be written", "Choose a writable folder."):
-        folder.mkdir(parents=True, exist_ok=True)
+    with os_errors_as(KitError, f"{folder}: cannot be written", "Name a new folder, where you may write."):
+        folder.mkdir(parents=True)  # a kit that was printed stays
         for name, pages in zip(names, (tiles(kit), whole), strict=False):
             with PdfPages(folder / name, metadata={"CreationDate": None}) as pdf:
                 for page in pages:

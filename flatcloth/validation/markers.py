@@ -7,11 +7,11 @@ a fitted marker are predicted and fitted in turn, which needs no reading.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +23,10 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.optimize import least_squares
 from scipy.spatial import Delaunay
 
-from flatcloth.core.types import (
-    Bool,
-    FlattenedView,
-    Float32,
-    Float64,
-    Int64,
-    Progress,
-    RgbdFrame,
-    Uint8,
-    no_progress,
-)
+from flatcloth.core.types import Bool, FlattenedView, Float64, Int64, Progress, RgbdFrame, Uint8, no_progress
 from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.recordings.base import Recording
-from flatcloth.validation.kit import NEAR, SQUARE, Kit, KitError, dictionary_codes, marker_at, read_kit
+from flatcloth.validation.kit import SQUARE, Kit, KitError, dictionary_codes, lengths, marker_at, read_kit
 
 _MOST_UP, _LARGE_PX = 3, 2600
 """Images are enlarged to so many times and pixels at most before reading. Chosen: codes of 17 px are read."""
@@ -49,18 +39,11 @@ _BLUR_PX, _LEAST_BLUR = 0.55, 0.1
 """Blur of the print by camera and cloth in pixels, and the least in modules. Measured there: best."""
 _STIFFNESS = (*[1.0] * 5, *[0.01] * 9)
 """Weight against bending at each step. Measured there: the first find a marker, the others follow it."""
-_TRIES = 3
-"""So many predictions of a marker are tried. Chosen."""
 _LEAST_PIXELS, _LEAST_SHARE, _OUTLIER = 24, 0.7, 3.0
 """Measured pixels inside a marker for its depth, their share, and the deviations beyond which one does not
 count. Chosen: four times the unknowns."""
-_FEWEST, _LEAST_STICKERS = 6, 4
-"""Fewer markers prove nothing; fewer stickers fix a plane badly. Chosen."""
-APART_M = 100.0
-"""Distance of the sheets where places of both are told, larger than any sheet. By definition."""
-_MOST_OFF = 0.03
-"""Root mean square by which stickers may differ from squares, a share of their side. Chosen: bent ones differ
-by more, those of a photo taken from 1 m by a hundredth."""
+_FEWEST = 6
+"""Fewer markers prove nothing. Chosen."""
 
 
 def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
@@ -75,14 +58,10 @@ def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
     prints, ids, sheets = dictionary_codes(kit.dictionary), *np.array(list(kit.sheet.items())).T
     centers = np.stack([kit.corners_m[i].mean(axis=0) for i in kit.sheet])
     found: dict[int, Float64] = {}
-    tries: Counter[int] = Counter()
     waiting = deque(_read(gray, kit))
     while waiting:
         i, guess_px = waiting.popleft()
-        tries[i] += 1
-        if i in found or tries[i] > _TRIES:
-            continue
-        if (corners_px := _fitted(image, prints[i], guess_px)) is not None:
+        if i not in found and (corners_px := _fitted(image, prints[i], guess_px)) is not None:
             found[i] = corners_px
             motion = cv2.getPerspectiveTransform(*np.array([kit.corners_m[i], corners_px], dtype=np.float32))
             apart = np.linalg.norm(centers - centers[ids == i], axis=1) / kit.reach_m
@@ -92,15 +71,14 @@ def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
 
 
 def _read(gray: NDArray[Any], kit: Kit) -> list[tuple[int, Float64]]:
-    """Return the ids of the kit that OpenCV reads once, and their corners (4, 2), roughly."""
+    """Return the ids of the kit that OpenCV reads, and their corners (4, 2), roughly."""
     up = int(np.clip(_LARGE_PX // max(gray.shape), 1, _MOST_UP))
     large = cv2.resize(gray, None, fx=up, fy=up, interpolation=cv2.INTER_CUBIC)
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, kit.dictionary))
     corners, found, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(large)
     ids = [int(i) for i in np.ravel(found)] if len(corners) else []
     places = (np.reshape(corners, (-1, 4, 2)).astype(np.float64) + 0.5) / up - 0.5
-    once = {i for i, times in Counter(ids).items() if times == 1} & kit.sheet.keys()
-    return [(i, place) for i, place in zip(ids, places, strict=True) if i in once]
+    return [(i, place) for i, place in zip(ids, places, strict=True) if i in kit.sheet]
 
 
 def terms(places: Float64) -> Float64:
@@ -109,7 +87,7 @@ def terms(places: Float64) -> Float64:
     return np.stack([np.ones_like(x), x, y, x * y, x * x, y * y], axis=-1)
 
 
-def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
+def _fitted(image: NDArray[np.float32], black: Bool, guess_px: Float64) -> Float64 | None:
     """Return the corners (4, 2) of a marker that is where it was guessed, otherwise None.
 
     Gauss-Newton steps for the map of second order, the contrast, the brightness and its slope that minimise
@@ -149,7 +127,7 @@ def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
     return corners @ motion if is_code and is_print else None
 
 
-def _looked_up(image: Float32, at_px: Float64) -> Float64:
+def _looked_up(image: NDArray[np.float32], at_px: Float64) -> Float64:
     """Return the values (N,) or (N, K) of an image at places (N, 2)."""
     x, y = np.ascontiguousarray(at_px.T[:, None], dtype=np.float32)
     return np.asarray(cv2.remap(image, x, y, cv2.INTER_CUBIC)[0], dtype=np.float64)
@@ -174,6 +152,14 @@ class Sightings:
         rows = np.flatnonzero(self.view == view)
         return dict(zip(self.marker[rows].tolist(), self.corners_px[rows], strict=True))
 
+    @cached_property
+    def cosine(self) -> Float64:
+        """The cosine (M,) of the angle between line of sight and normal, as depth shows it."""
+        places = self.corners_m
+        normal = np.cross(places[:, 2] - places[:, 0], places[:, 3] - places[:, 1])
+        normal, sight = (v / np.linalg.norm(v, axis=1)[:, None] for v in (normal, places.mean(axis=1)))
+        return np.asarray(np.abs((normal * sight).sum(axis=1)))
+
 
 def sightings_of(recording: Recording, kit: Kit, progress: Progress = no_progress) -> Sightings:
     """Find the markers of a kit in all views; ``KitError`` tells why there are too few."""
@@ -187,9 +173,8 @@ def sightings_of(recording: Recording, kit: Kit, progress: Progress = no_progres
     view, marker, corners_px, corners_m, noise_m = columns
     if len(set(marker)) < _FEWEST:
         raise KitError(
-            f"{recording.location}: {len(set(marker))} markers of {kit.name} ({kit.dictionary}) found in "
-            f"{len(recording)} views. Give the kit that was printed with --kit, mirror no images, and "
-            "record nearer or sharper, or print larger cells: a marker needs 12 pixels."
+            f"{recording.location}: {len(set(marker))} markers of the kit {kit.name} are found. Give the kit "
+            "that was printed with --kit, and record nearer or sharper: a marker needs 12 pixels."
         )
     return Sightings(view=view, marker=marker, corners_px=corners_px, corners_m=corners_m, noise_m=noise_m)
 
@@ -223,14 +208,11 @@ class KitTruth:
     corners_px: Callable[[int], Mapping[int, Float64]]
 
     def places(self, view_index: int, at_px: Float64) -> Float64:
-        """Return the places (N, 2), metres, of (x, y) (N, 2) in a view; NaN if markers do not show them.
-
-        Those of sheet 2 are ``APART_M`` to the right of those of sheet 1.
-        """
+        """Return the places (N, 2), as in ``Kit.places_m``, of (x, y) (N, 2) in a view; NaN if unknown."""
         found, kit, seen = np.full((len(at_px), 2), np.nan), self.kit, self.corners_px(view_index)
         if not seen:
             return found
-        flat = np.concatenate([kit.corners_m[i] + (APART_M * (kit.sheet[i] - 1), 0.0) for i in seen])
+        flat = np.concatenate([kit.places_m[i] for i in seen])
         between = Delaunay(np.concatenate(list(seen.values())))
         triangles = [at[between.simplices] for at in (flat, between.points)]
         sides, seen_sides = (np.roll(each, -1, axis=1) - each for each in triangles)
@@ -251,7 +233,7 @@ class KitTruth:
         true_m = np.full((len(source), 2), np.nan)
         for n in np.unique(source):
             true_m[source == n] = self.places(int(n), at_px[source == n])
-        is_known, is_second = np.isfinite(true_m[:, 0]), true_m[:, 0] > APART_M / 2
+        is_known, is_second = np.isfinite(true_m[:, 0]), true_m[:, 0] > 2e-3 * self.kit.size_mm[0]
         is_known &= is_second == (2 * is_second.sum() > is_known.sum())
         known, true_m = view.valid.copy(), true_m[is_known]
         known[known] = is_known
@@ -270,57 +252,29 @@ class KitTruth:
 def kit_of(recording: Recording, given: Path | None = None) -> Kit:
     """Read the kit that was given, else the ``kit.json`` in the folder of the recording."""
     path = given or Path(recording.location) / "kit.json"
-    if given is None and not path.is_file():
-        raise KitError(f"{recording.location}: has no kit.json. Say what it shows: --kit kit.json.")
     if not (kit := read_kit(path)).is_measured:
         raise KitError(f"{path}: stickers are not measured. Photograph them: flatcloth kit --from-photo.")
     return kit
 
 
-def measured_kit(kit: Kit, photos: Sequence[Uint8]) -> Kit:
-    """Return a kit of the stickers in one or two photos (H, W, 3), RGB, of the front and of the back."""
-    if len(photos) > 2:
-        raise KitError(f"--from-photo: {len(photos)} photos. Give one of the front, and one of the back.")
-    found: dict[int, tuple[int, Float64]] = {}
-    side_m = kit.reach_m / NEAR
-    for number, photo in enumerate(photos, start=1):
-        seen = found_markers(photo, msgspec.structs.replace(kit, is_measured=False))
-        if len(seen) < _LEAST_STICKERS or not found.keys().isdisjoint(seen):
-            raise KitError(
-                f"Photo {number}: {len(seen)} stickers are read. Each photo needs {_LEAST_STICKERS} that "
-                "no other one shows; come nearer, or turn the garment over."
-            )
-        places = _flat_places(np.stack(list(seen.values())), side_m)
-        places += side_m - places.min(axis=(0, 1))  # a plain margin
-        found |= {i: (number, corners_m) for i, corners_m in zip(seen, places, strict=True)}
-    far_m = np.max([corners_m for _, corners_m in found.values()], axis=(0, 1)) + side_m
-    width_mm, height_mm = (1e3 * far_m).round(3).tolist()
-    markers = [marker_at(i, *place) for i, place in found.items()]
+def measured_kit(kit: Kit, photo: Uint8) -> Kit:
+    """Return a kit of the stickers in a photo (H, W, 3), RGB, of a garment that lies flat.
+
+    The homography of the photo is the one that makes squares of them.
+    """
+    seen = found_markers(photo, msgspec.structs.replace(kit, is_measured=False))
+    if len(seen) < _FEWEST:
+        raise KitError(f"{len(seen)} stickers are read. Take the photo from above, near and sharp.")
+    corners_px, square = np.stack(list(seen.values())), kit.side_m / 2 * SQUARE
+
+    def flat(motion: Float64) -> Float64:
+        return np.asarray(cv2.perspectiveTransform(corners_px, np.append(motion, 1.0).reshape(3, 3)))
+
+    first = cv2.getPerspectiveTransform(*np.array([corners_px[0], square], dtype=np.float32))
+    first = (first / first[2, 2]).ravel()[:8]
+    found = least_squares(lambda x: (lengths(flat(x)) - lengths(square)).ravel(), first, x_scale="jac")
+    places = flat(found.x)
+    places += kit.side_m - places.min(axis=(0, 1))  # a plain margin
+    width_mm, height_mm = (1e3 * (places.max(axis=(0, 1)) + kit.side_m)).round(3).tolist()
+    markers = [marker_at(i, 1, corners_m) for i, corners_m in zip(seen, places, strict=True)]
     return msgspec.structs.replace(kit, size_mm=(width_mm, height_mm), is_measured=True, markers=markers)
-
-
-def _flat_places(corners_px: Float64, side_m: float) -> Float64:
-    """Return the corners (K, 4, 2) on the plane, metres: by the homography that makes squares of them."""
-    image = (corners_px - corners_px.mean(axis=(0, 1))) / np.ptp(corners_px, axis=(0, 1)).max()
-    one, other = np.array(list(itertools.combinations(range(4), 2))).T
-    true_m = side_m * np.where((other - one) == 2, np.sqrt(2), 1.0)  # sides, and two diagonals
-    scale_m = true_m.mean() / np.linalg.norm(image[:, one] - image[:, other], axis=2).mean()
-
-    def flat(parameters: Float64) -> Float64:
-        a, b, c, d, e = parameters
-        motion = np.array([[a * scale_m, b * scale_m, 0], [0, c * scale_m, 0], [d, e, 1]])
-        return np.asarray(cv2.perspectiveTransform(image, motion), dtype=np.float64)
-
-    def differences(parameters: Float64) -> Float64:
-        return np.ravel(
-            np.linalg.norm(flat(parameters)[:, one] - flat(parameters)[:, other], axis=2) - true_m
-        )
-
-    found = least_squares(differences, [1.0, 0.0, 1.0, 0.0, 0.0])
-    off_m = float(np.sqrt(np.square(found.fun).mean()))
-    if off_m > _MOST_OFF * side_m:
-        raise KitError(
-            f"Stickers of the photo differ from squares of {side_m * 1e3:.1f} mm by {off_m * 1e3:.1f} mm. "
-            "Lay the garment flat, and take the photo from above without a wide-angle lens."
-        )
-    return flat(found.x)
