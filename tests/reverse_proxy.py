@@ -62,6 +62,7 @@ def application(proxy: Proxy, port: int) -> ASGIApp:
                 headers=proxy.headers(request, port),
                 content=await request.body(),
             )
+        answer.headers.pop("content-encoding", None)
         kept = [(k, v) for k, v in answer.headers.multi_items() if k not in OWN_HEADERS]
         passed = Response(answer.content, answer.status_code)
         passed.raw_headers = [(k.encode(), v.encode()) for k, v in kept]

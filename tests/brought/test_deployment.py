@@ -132,8 +132,7 @@ def test_the_page_is_there_behind_a_proxy(view: View, address: str, proxy: Proxy
         (script,) = re.findall('<script type="module" src="([^"]+)"', page)
         code = browser.get(script, Origin=browser.origin)
         assert code.headers["content-type"].startswith("text/javascript")
-        imported = urljoin(urljoin(below, script), re.findall('from "([^"]+)"', code.text)[-1])
-        assert browser.get(imported, Origin=browser.origin).status_code == 200
+        assert not re.findall('from "([^"]+)"', code.text)  # it is whole
         assert "<html" in browser.get("viser/").text
         assert b'"type"' in str(browser.socket("ws")).replace("'", '"').encode()
         assert browser.get("start").text.count("static/start/start.js") == 1
