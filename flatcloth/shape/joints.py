@@ -64,8 +64,8 @@ def doubt_m(
     """Return the deviation (N,) that the joints of a piece, ``own``, leave to each node; 0 for others.
 
     ``evidence`` (P,) of the ``pairs`` (P, 2) is that of :func:`seen_often`, or of what else is known about a
-    joint. Deviations are from the middle of the piece, or of the ``reference`` (N,). No joint is doubted that
-    one of the parts (N,) hangs on that the operator ``kept``.
+    joint. Deviations are from the middle of the piece, or of the ``reference`` (N,). The operator vouches for
+    the joints of the parts (N,) that are ``kept``: they leave no doubt.
 
     Either a part is joined rightly, or it lies anywhere on the item: as far off as the item's other end.
     ``z`` (N,) are the places of the nodes.
@@ -160,9 +160,8 @@ def _branches_of(
     for part in kept:
         inside = np.concatenate([[0], np.cumsum(part[node[order]])])
         common = inside[np.arange(len(order)) + size] - inside[:-1]
-        leaves[2 * common > size + inside[-1] - common] = (
-            np.inf
-        )  # most of the branch is the part, and all of it
+        is_part = 2 * common > size + inside[-1] - common  # the branch and the part are mostly the same
+        leaves[is_part] = np.inf
     return node[order], before, size, leaves
 
 
