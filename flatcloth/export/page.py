@@ -95,7 +95,7 @@ def common_parts(entry: str, more_policy: str = "") -> dict[str, str]:
 def whole(folder: Path, entry: str) -> str:
     """Return a module, or a style sheet, of a folder with all that it imports, as one text.
 
-    Each module that is imported becomes a function that returns what it exports, called before the others.
+    Each module that is imported becomes a function, called at once, that returns what the module exports.
 
     Raises
     ------

@@ -215,8 +215,8 @@ class Method(Protocol):
         return []
 
     def as_decided(self, document: Document, parts: DecidedParts) -> tuple[Canonical, Cloth]:
-        """Return the canonical view, and its edges, by decisions about parts of these ``Cloth`` edges."""
-        raise AssertionError("parts are of edges with evidence")
+        """Return the canonical view and its edges after decisions about parts; only for ``Cloth`` edges."""
+        raise AssertionError("a method without Cloth edges has no parts to decide about")
 
     def why_unusable(self, view_index: int) -> str:
         """Return why a view shows too little cloth to be part of a shape; empty if it shows enough."""

@@ -66,7 +66,7 @@ def shape(
 def as_decided(whole: Shape, parts: DecidedParts, upright: int) -> Shape:
     """Return a shape, laid out again, with each part that was taken off as a piece of its own.
 
-    The joints of those that are kept are not doubted.
+    The joints of the parts that are kept are not doubted.
     """
     holds, (first, second) = whole.holds.copy(), whole.graph.pairs.T
     for part in parts.taken_off:

@@ -26,9 +26,9 @@ _CORNER_PX, _MOVED_PX, _DEPTH_NOISES, _LENGTH_SHARE = 0.1, 0.3, 4.0, 0.02
 """Deviations of corners in images, of what alignment to depth moves them by, of depth in those from a smooth
 surface, and of lengths. Chosen: three instead of four make the focal length .2 to .3 % smaller, as depth is
 smoothed at folds (``python -m benchmarks validation``)."""
-_NEARNESS_PER_M = 160.0
-"""Corners are moved alike within steps of nearness, 1 / depth, of which a metre has so many. Chosen: a color
-camera that is 15 mm away moves a corner by a tenth of a pixel within three of them."""
+_NEARNESS_STEP_PER_M = 0.00625
+"""Corners are moved alike within such steps of nearness, 1 / depth. Chosen: seen by a color camera that is 15
+mm away, a corner moves by less than a tenth of a pixel in one of them."""
 _STEPS, _STEP = 10, 1e-6
 """Steps of Gauss and Newton and of Fisher, and size of differences. Chosen: more change nothing."""
 _FIRM, _FAR_M = 1e2, 1e3
@@ -67,7 +67,7 @@ def adjusted(
     views, view = np.unique(seen.view[used], return_inverse=True)
     corners_m, depth_m = seen.corners_m[used], seen.corners_m[used][..., 2:]
     rays, depth_std_m = corners_m[..., :2] / depth_m, _DEPTH_NOISES * seen.noise_m[used, None, None]
-    nearness, near = np.unique(np.rint(_NEARNESS_PER_M / depth_m[..., 0]), return_inverse=True)
+    nearness, near = np.unique(np.rint(1 / (_NEARNESS_STEP_PER_M * depth_m[..., 0])), return_inverse=True)
     near = near.reshape(depth_m.shape[:2])
     focal_px = float(np.median(np.ptp(seen.corners_px[used], axis=1) / np.ptp(rays, axis=1)))
     flat_m = np.stack([kit.places_m[i] for i in ids.tolist()])

@@ -128,9 +128,9 @@ class Worker:
 
 Lane = Literal["work", "ahead", "repair", "sides", "scene", "teaching", "review", "garment", "other side"]
 _PATIENT = ("review", "garment", "other side")
-"""Lanes whose jobs begin when the other lanes have had nothing to do for a while: nobody waits for them."""
+"""Lanes whose jobs begin when the other lanes have been idle for ``PATIENCE_S``: nobody waits for them."""
 PATIENCE_S = 1.5
-"""How long. Chosen: who decides about a view a few seconds does not wait for what becomes outdated anyway."""
+"""Chosen: while an operator decides view after view, no work begins that the next decision makes useless."""
 
 
 class Executor:

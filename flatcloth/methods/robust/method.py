@@ -305,7 +305,7 @@ class RobustMethod(Method):
         return self._draw(earlier, of_views(self.shapes.of(document), earlier.used_views))
 
     def _as_decided(self, document: Document, parts: DecidedParts) -> Shape:
-        """Return the shape by decisions about its parts (cached)."""
+        """Return the shape after decisions about its parts (cached)."""
         shape = self.shapes.of(document)
         if not any(parts):
             return shape
@@ -334,7 +334,7 @@ class RobustMethod(Method):
         )
 
     def as_decided(self, document: Document, parts: DecidedParts) -> tuple[Canonical, Cloth]:
-        """Return the canonical view by decisions about its parts, and its edges."""
+        """Return the canonical view after decisions about its parts, and its edges."""
         shape = self._as_decided(document, parts)
         are_off = np.any(parts.taken_off, axis=0) if parts.taken_off else None
         return self._drawn_of(document, shape, are_off), _edges_of(shape)
