@@ -43,7 +43,7 @@ def option(text: str, form: str = "", default: Any = None, **more: Any) -> Any:
     more
         ``group``, the title of its group, and words about that after a colon; ``either``, the name of those
         of which one may be given; ``names`` in place of its field's; ``positional``; ``const``, its value if
-        it is given without one; ``read``, which reads its text; ``choices`` that its type does not have.
+        it is given without one; ``read``, which reads its text; ``choices``, which returns them.
     """
     return dataclasses.field(default=default, metadata={"text": text, "form": form, **more})
 
@@ -88,7 +88,7 @@ def _argument(field: dataclasses.Field[Any], hint: Any) -> dict[str, Any]:
     elif inner not in (str, bool):
         told["type"] = inner
     told |= {"type": about["read"]} if "read" in about else {}
-    told |= {"choices": about["choices"]} if "choices" in about else {}
+    told |= {"choices": about["choices"]()} if "choices" in about else {}
     told |= {"nargs": "?", "const": about["const"]} if "const" in about else {}
     told |= {"metavar": form if isinstance(told.get("nargs"), int) else form[0]} if form else {}
     if not about.get("positional"):
@@ -143,7 +143,7 @@ class Output:
 class Method:
     """How views are integrated."""
 
-    method: str = option("method of integrating the views", default=method_names()[0], choices=method_names())
+    method: str = option("method of integrating the views", default=method_names()[0], choices=method_names)
 
 
 @dataclass(kw_only=True)

@@ -22,7 +22,7 @@ EXAMPLES = """examples:
 class Options(Output):
     """The options of the command."""
 
-    name: str | None = option("what the schema is of", choices=NAMES, positional=True)
+    name: str | None = option("what the schema is of", choices=lambda: NAMES, positional=True)
     out: Path | None = option("write all schemas to DIR", "DIR")
 
 
