@@ -27,6 +27,7 @@ from flatcloth.core.types import Bool, Float32, Float64
 from flatcloth.engine.segmenting import masked
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
+from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.certainty import CALIBRATION, features
 from flatcloth.segmentation.observed import Observed
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
@@ -163,14 +164,12 @@ def calibration_rows(
         for k, value in enumerate((1, -1)):
             at = view.surface & (truth[n].side == value)
             votes[k] += np.bincount(view.cluster[at], view.area_m2[at], observed.clusters.count)
-    state = solver._state(found.decisions)
-    held = np.concatenate([np.empty(0, int), *(touched for _, touched in state.strokes)]).astype(int)
-    agreed = solver._agreed(state)
-    right = np.where(state.shown > 0, votes[0], votes[1])
-    used = (votes.sum(axis=0) > 0) & state.known
-    used[held] = False
+    agreed, side = solver.agreement(found.decisions), solver.most_probable(found.decisions)
+    right = np.where(side > 0, votes[0], votes[1])
+    used = (votes.sum(axis=0) > 0) & (side != 0)
+    used[under_strokes(observed, found.decisions)] = False
     share = right / np.maximum(votes.sum(axis=0), 1e-12)
-    return features(observed, agreed)[used], share[used] > 0.5, votes.sum(axis=0)[used]
+    return features(observed.clusters, agreed)[used], share[used] > 0.5, votes.sum(axis=0)[used]
 
 
 def learned(rows: list[tuple[Float64, Bool, Float64]]) -> Float64:

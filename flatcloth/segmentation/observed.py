@@ -35,7 +35,7 @@ from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
 from flatcloth.segmentation.inner import doubtful_faces, inner_faces
 from flatcloth.segmentation.item import CutOff, checked, find_item
-from flatcloth.segmentation.partition import Int8, Partition, partition, sampled_sides
+from flatcloth.segmentation.partition import Divisions, partition
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
 from flatcloth.segmentation.settings import SegmentationConfig
 
@@ -100,12 +100,11 @@ class Evidence:
 class Observed(Evidence):
     """The evidence, and what follows from it before any stroke.
 
-    ``partition`` the sides, ``samples`` (K, M) those of disturbed evidence; ``doubtful`` (M,) numbers of
-    faces that may be inner faces, -1 elsewhere; ``start_view`` the view that shows most of the item.
+    ``divisions`` are those into two sides, by disturbed evidence; ``doubtful`` (M,) numbers of faces
+    that may be inner faces, -1 elsewhere; ``start_view`` the view that shows most of the item.
     """
 
-    partition: Partition
-    samples: Int8
+    divisions: Divisions
     doubtful: Int64
     start_view: int
 
@@ -114,14 +113,10 @@ def observe(made: Evidence, progress: Progress = no_progress) -> Observed:
     """Prepare the views of a recording for strokes: what follows from the evidence before any."""
     clusters, graph, views, settings = made.clusters, made.graph, made.views, made.config
     progress(0.8, "sides")
-    samples = sampled_sides(
-        graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text), THREADS
-    )
     unsure = doubtful_faces(clusters, graph, settings) if made.noisy else np.full(clusters.count, -1)
     return Observed(
         **vars(made),
-        partition=partition(graph),
-        samples=samples,
+        divisions=Divisions(graph, clusters.place_m, settings),
         doubtful=unsure,
         start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
     )
@@ -341,7 +336,7 @@ def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationCon
 def start_sheet(observed: Observed) -> Int64:
     """Return the clusters in the middle of the largest well-seen sheet of the start view."""
     view = observed.views[observed.start_view]
-    side = observed.partition.side
+    side = partition(observed.graph).side
     shown = np.zeros(observed.clusters.count)
     at = view.surface
     np.add.at(shown, view.cluster[at], view.area_m2[at])

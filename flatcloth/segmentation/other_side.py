@@ -10,18 +10,14 @@ face is left out, as is what most of the disturbed partitions place on this side
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from flatcloth.core.types import Bool, Float32, Float64
-from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.observed import Evidence
-from flatcloth.segmentation.partition import sampled_sides
-from flatcloth.segmentation.relations import SignedGraph
+from flatcloth.segmentation.partition import Divisions
 from flatcloth.segmentation.result import OF_INTEREST, OTHER, Segmentation
-
-_GIVEN = 1e3
-"""Evidence of a mask that is given. By definition: far above any other evidence, at most 10."""
 
 
 def other_side(observed: Evidence, mask_of: Callable[[int], Bool]) -> Segmentation:
@@ -62,17 +58,12 @@ def _share_in_masks(observed: Evidence, mask_of: Callable[[int], Bool]) -> Float
 
 def _opposite_share(observed: Evidence, given: Bool) -> Float32:
     """Return how often disturbed evidence places each cluster (M,) opposite to this side."""
-    graph, count = observed.graph, observed.clusters.count
-    held = np.flatnonzero(given)
+    graph = observed.graph
     # Where the masks end, this side ends: neighbours over their border are no evidence of one side.
     kept = (graph.weight < 0) | (given[graph.first] == given[graph.second])
-    clamped = SignedGraph(  # with one more node, that of this side
-        count=count + 1,
-        first=np.concatenate([graph.first[kept], np.full(held.size, count)]),
-        second=np.concatenate([graph.second[kept], held]),
-        weight=np.concatenate([graph.weight[kept], np.full(held.size, _GIVEN)]),
-    )
-    place_m = np.concatenate([observed.clusters.place_m, observed.clusters.place_m.mean(axis=0)[None]])
-    samples = sampled_sides(clamped, place_m, observed.config, threads=THREADS).astype(np.float32)
-    share: Float32 = 0.5 - 0.5 * (samples[:, :count] * samples[:, count:]).mean(axis=0)
+    clamped = replace(graph, first=graph.first[kept], second=graph.second[kept], weight=graph.weight[kept])
+    divisions = Divisions(clamped, observed.clusters.place_m, observed.config)
+    nowhere = np.zeros(graph.count, dtype=np.bool_)
+    samples = divisions.sides(given.astype(np.float64), np.empty(0, dtype=np.int64), nowhere)
+    share: Float32 = 0.5 - 0.5 * samples.mean(axis=0, dtype=np.float32)
     return share

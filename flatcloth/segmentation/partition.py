@@ -16,15 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.compiled import njit
-from flatcloth.core.types import Float64, Int64, Progress, no_progress
+from flatcloth.core.types import Bool, Float64, Int64
+from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.relations import SignedGraph
 from flatcloth.segmentation.settings import SegmentationConfig
 
 Int8 = NDArray[np.int8]
 
-CORE_NODES = 8
-"""Nodes of a piece that no disturbance divides, 1 to 2 cm wide. Chosen: disturbances extend farther;
-``python -m benchmarks segmentation`` measures the certainty."""
+_CORE_NODES = 12
+"""Nodes of a core that no disturbance divides, about 2 cm wide. Chosen: disturbances extend farther."""
+_KNOWN = 1e3
+"""Evidence of what is known of a core. By definition: far above any other, at most some tens."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,16 +50,10 @@ def partition(graph: SignedGraph, most: int | None = None) -> Partition:
     return Partition(side=side, part=part)
 
 
-def sampled_sides(
-    graph: SignedGraph,
-    place_m: Float64,
-    config: SegmentationConfig,
-    progress: Progress = no_progress,
-    threads: int = 1,
-) -> Int8:
-    """Return the sides (K, M) int8 in partitions of disturbed graphs; 0 off the largest part.
+class Divisions:
+    """Divisions of the cloth into two sides by disturbed evidence, under the condition of what is known.
 
-    The samples differ where evidence is weak or contradictory. The share of samples in which two nodes lie
+    They differ where evidence is weak or contradictory. The share of them in which two nodes lie
     on the same side is the probability of that (perturb and MAP; Papandreou and Yuille, ICCV 2011). The
     disturbance is correlated in space, as errors of the evidence are: those of a crease or a flat seam.
 
@@ -68,41 +64,83 @@ def sampled_sides(
     place_m : (M, 3) float64
         Where the nodes lie.
     config : SegmentationConfig
-        Number of samples, and size of the disturbance.
-    progress : callable
-        Called with the share of the work that is done.
-    threads : int
-        Samples processed in parallel.
+        Number of divisions, and size of the disturbance.
     """
-    random = np.random.default_rng(0)
-    middle = 0.5 * (place_m[graph.first] + place_m[graph.second])
-    # Nodes that no disturbance divides are joined once, for all samples.
-    core = partition(graph, CORE_NODES)
-    number = np.unique(core.part, return_inverse=True)[1].ravel()
-    first, second = number[graph.first], number[graph.second]
-    between = first != second
-    first, second, middle = first[between], second[between], middle[between]
-    weight = (graph.weight * core.side[graph.first] * core.side[graph.second])[between]
-    attracts = graph.weight[between] > 0
-    shifts, factors = zip(
-        *((random.uniform(size=3), random.standard_normal(len(weight))) for _ in range(config.samples)),
-        strict=True,
-    )
 
-    def sampled(shift: Float64, factor: Float64) -> Int8:
-        cell = np.floor(middle / config.disturbance_m + shift).astype(np.int64)
-        spot = (cell @ np.array([73856093, 19349663, 83492791]) + attracts) % len(weight)
-        disturbed = weight * np.exp(factor)[spot]
-        side, part = _contracted(int(number.max()) + 1, first, second, disturbed, graph.count)
-        largest = np.bincount(part[number]).argmax()
-        return (np.where(part == largest, side, 0.0)[number] * core.side).astype(np.int8)
+    def __init__(self, graph: SignedGraph, place_m: Float64, config: SegmentationConfig) -> None:
+        core, random = partition(graph, _CORE_NODES), np.random.default_rng(0)
+        self._side, self._core = core.side, np.unique(core.part, return_inverse=True)[1].ravel()
+        self._cores, self._count, self._price = int(self._core.max()) + 1, config.samples, config.guess
+        ends = np.sort(self._core[np.stack([graph.first, graph.second], axis=1)], axis=1)
+        between = np.flatnonzero(ends[:, 0] != ends[:, 1])
+        pairs, self._pair = np.unique(ends[between] @ [self._cores, 1], return_inverse=True)
+        self._first, self._second = pairs // self._cores, pairs % self._cores
+        first, second = graph.first[between], graph.second[between]
+        self._ends, self._repels = np.stack([first, second], axis=1), graph.weight[between] < 0
+        self._weight = graph.weight[between] * core.side[first] * core.side[second]
+        middle, count = 0.5 * (place_m[first] + place_m[second]), len(between)
+        self._factors = []
+        for _ in range(config.samples):
+            shift, factor = random.uniform(size=3), random.standard_normal(count)
+            cell = np.floor(middle / config.disturbance_m + shift).astype(np.int64)
+            spot = (cell @ np.array([73856093, 19349663, 83492791]) + ~self._repels) % max(count, 1)
+            self._factors.append(np.exp(factor)[spot].astype(np.float32))
 
-    sides = np.zeros((config.samples, graph.count), dtype=np.int8)
-    with ThreadPoolExecutor(threads) as pool:
-        for k, sample in enumerate(pool.map(sampled, shifts, factors)):
-            progress(k / config.samples, "how sure the sides are")
-            sides[k] = sample
-    return sides
+    def sides(self, known: Float64, guess: Int64, inner: Bool, before: Int8 | None = None) -> Int8:
+        """Return the sides (K, M) in each division, 1 or -1; 0 for what nothing joins to what is known.
+
+        Parameters
+        ----------
+        known : (M,) float64
+            The sides that are known, +1 or -1; 0 for others.
+        guess : (G,) int64
+            Nodes that are on side 1, unless more evidence than the guess has contradicts that, with what is
+            known.
+        inner : (M,) bool
+            Inner faces: cloth at their back is no evidence of their side.
+        before : (K, M) int8, optional
+            Divisions by less that was known. Those that do not contradict what is known now are kept.
+        """
+        used = np.where(self._repels & inner[self._ends].any(axis=1), 0.0, self._weight)
+        guessed = known.copy()
+        guessed[guess] = np.where(known[guess] == 0.0, 1.0, known[guess])
+        held = [self._of_cores(each) for each in (known, guessed)]
+        asked = np.flatnonzero(known)
+
+        def division(k: int) -> Int8:
+            if before is not None and (before[k, asked] == known[asked]).all():
+                kept: Int8 = before[k]
+                return kept
+            weight = np.bincount(self._pair, used * self._factors[k], len(self._first)).astype(np.float64)
+            side, agrees = self._divided(weight, held[1])
+            if asked.size:
+                without, more = self._divided(weight, held[0])
+                side = without if more - agrees > self._price else side
+            found: Int8 = (side[self._core] * self._side).astype(np.int8)
+            found[asked] = known[asked]
+            return found
+
+        with ThreadPoolExecutor(THREADS) as pool:
+            return np.stack(list(pool.map(division, range(self._count))))
+
+    def _of_cores(self, known: Float64) -> Float64:
+        """Return the side that is known of each core, that of most of its nodes; 0 for others."""
+        known_of: Float64 = np.sign(np.bincount(self._core, known * self._side, self._cores))
+        return known_of
+
+    def _divided(self, weight: Float64, known: Float64) -> tuple[Float64, float]:
+        """Return the side of each core, 0 if nothing joins it to what is known; and the evidence for it."""
+        held = np.flatnonzero(known)
+        all_known = np.full(len(held), self._cores)  # one more node stands for side +1
+        side, part = _contracted(
+            self._cores + 1,
+            np.concatenate([self._first, held]),
+            np.concatenate([self._second, all_known]),
+            np.concatenate([weight, _KNOWN * known[held]]),
+            self._cores + 1,
+        )
+        side = np.where(part == part[-1], side * side[-1], 0.0)[:-1]
+        return side, 0.5 * float((weight * side[self._first] * side[self._second]).sum())
 
 
 @njit(cache=True, nogil=True)

@@ -38,26 +38,18 @@ class SegmentationConfig:
     thickness_weight: float = 0.2
     """Most evidence of an inner face that the thickness of one layer gives for each cluster."""
     samples: int = 32
-    """Partitions of disturbed graphs; the certainty is computed from them."""
+    """Divisions by disturbed evidence; the certainty is computed from them."""
     disturbance_m: float = 0.05
     """The disturbance of the evidence (standard deviation: a factor e) is correlated over this distance."""
-    flip_exponent: float = 0.3
-    """A stroke turns over the region with the least border cost divided by its size to this power; ..."""
-    flip_per_cluster: float = 0.006
-    """... each cluster adds this to the cost, times the stroke's number."""
+    guess: float = 30.0
+    """Evidence that the largest sheet of the start view is of interest: twice that around a brush mark, so
+    that a small stroke alone does not outweigh it. Chosen: with 15 and 60 as much is right."""
     least_region: int = 30
-    """Least number of clusters that a stroke turns over. Chosen: fewer are only the brush mark."""
-    most_cost: float = 6.2
-    """A region of a higher cost has no clear border. If the first stroke contradicts a side that was shown,
-    the guess was probably wrong: all is turned over or, if a sample separates the stroke from the start
-    sheet, the cloth outside the region becomes undecided. For other strokes, the graph is partitioned again,
-    if that costs less. Learned: the middle of the values with the fewest errors after a first stroke
-    (docs/tried.md)."""
+    """Fewest clusters of an inner face. Chosen."""
     least_certainty: float = 0.7
     """Cloth with a lower certainty is undecided, and not part of the shape."""
     sure: float = SURE
-    """If cloth of a higher certainty is turned over, its area is reported. Cloth that strokes turned over is
-    undecided below this certainty."""
+    """If cloth of a higher certainty is turned over, its area is reported."""
 
     @property
     def near_m(self) -> float:

@@ -15,7 +15,7 @@ from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
 from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.item import find_item
 from flatcloth.segmentation.observed import gather_evidence, observe
-from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, OTHER, UNDECIDED
+from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, OTHER
 from flatcloth.segmentation.solver import SideSolver
 
 VIEWS = plate()
@@ -102,54 +102,6 @@ def test_an_inner_face_is_of_no_interest_until_a_stroke_says_so(solver):
 def test_where_the_start_view_shows_an_inner_face_that_is_of_interest(solver):
     front = solver.solve(()).side == OF_INTEREST
     assert np.array_equal(with_inner_face(solver, front).solve(()).side == OF_INTEREST, front)
-
-
-def test_a_first_stroke_where_nothing_was_shown_does_not_mean_that_the_guess_was_wrong(solver):
-    observed = solver.observed
-    back = observed.clusters.normal[:, 2] > 0.9
-    samples = observed.samples.copy()
-    samples[::2, back] *= -1  # half of them say that the back lies on the side of the front
-    unsure = SideSolver(replace(observed, samples=samples))
-    assert set(unsure.solve(()).side[back]) == {UNDECIDED}
-    found = unsure.solve((stroke(view=9),))
-    assert set(found.side[unsure.start_sheet]) == {OF_INTEREST}
-    assert (found.side[back] == OF_INTEREST).any()
-
-
-@pytest.fixture(scope="module")
-def doubtful(solver):
-    """Of the samples, one says that the lower half of the plate lies the other way round."""
-    observed = solver.observed
-    samples = observed.samples.copy()
-    samples[0, observed.clusters.place_m[:, 1] > 0.03] *= -1
-    return SideSolver(replace(observed, samples=samples, config=replace(observed.config, most_cost=0.0)))
-
-
-def test_a_first_stroke_that_may_mean_that_the_guess_was_wrong_leaves_undecided_what_it_does_not_reach(
-    doubtful,
-):
-    found = doubtful.solve((stroke("other", points=((150.0, 119.0),)),))
-    assert set(found.side[doubtful.start_sheet]) == {UNDECIDED}
-    assert "draw another stroke on it" in found.changed
-    row, col = np.array((150, 119)) - found.view(0).offset_rc
-    assert found.view(0).side[row, col] == OTHER
-    assert shares(doubtful.solve((stroke("other"),)))[0] < 0.001  # all samples divide nothing there
-
-
-@pytest.mark.parametrize(("side", "right"), [("this", True), ("other", False)])
-def test_a_further_stroke_tells_whether_the_guess_was_wrong(doubtful, side, right):
-    first, second = stroke("other", points=((150.0, 119.0),)), stroke(side)
-    found = doubtful.solve((first, second))
-    assert set(found.side[doubtful.start_sheet]) == {OF_INTEREST if right else OTHER}
-    view = found.view(0)
-    for row, col, at in ((150, 119, OTHER), (119, 119, OF_INTEREST if right else OTHER)):
-        assert view.side[row - view.offset_rc[0], col - view.offset_rc[1]] == at
-    assert found.conflicts == ()
-    assert "draw another stroke" not in found.changed
-    assert doubtful.solve((first,)).side[doubtful.start_sheet[0]] == UNDECIDED  # undo is exact
-    back = doubtful.observed.clusters.normal[:, 2] > 0.9
-    upper = doubtful.observed.clusters.place_m[:, 1] < 0.0
-    assert OF_INTEREST in found.side[back & upper] or right
 
 
 def test_strokes_on_cloud_and_canvas_reach_the_layer_their_normal_means(solver):
