@@ -144,7 +144,7 @@ class PageServer:
     @property
     def recording(self) -> str | None:
         """The name of the open recording."""
-        return None if self._now is None else self._now.name
+        return None if self._now is None else self._now.integration.recording.name
 
     @property
     def session(self) -> Path | None:
