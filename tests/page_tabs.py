@@ -44,10 +44,16 @@ def open_socket(server: PageServer, path: str = "/ws", **options: Any) -> Client
     return connect(f"ws://{address}{path}", **{**usual, **options})
 
 
-def decoded(text: str | bytes) -> dict:
-    """Return a message of the server, which must be one of those that the page has types for."""
-    msgspec.json.decode(text, type=ServerMessage)
-    return json.loads(text)
+def decoded(text: str | bytes, state: dict) -> dict:
+    """Return a message of the server, which must be one of those that the page has types for.
+
+    Of a state only what differs from the last ``state`` is sent; it is returned with the rest.
+    """
+    message = json.loads(text)
+    if message["type"] == "state":
+        message = {**state, **message}
+    msgspec.convert(message, type=ServerMessage)
+    return message
 
 
 def get_frame(server: PageServer, after: int = 0, layer: str = "color") -> dict[str, Any]:
@@ -83,7 +89,7 @@ class Tab:
 
     def next(self):
         """Return the next message."""
-        message = decoded(self._socket.recv(timeout=WAIT_S))
+        message = decoded(self._socket.recv(timeout=WAIT_S), self.state)
         if message["type"] == "state":
             self.state = message
         elif message["type"] == "note":

@@ -347,7 +347,7 @@ export type ClientMessage =
   | ShowOther
   | DecideSeam;
 
-/** The whole state of the page. What the present mode does not have is None, or the default. */
+/** The state of the page: what the mode does not have is None, or the default. */
 export interface PageState {
   type: "state";
   revision: number;

@@ -17,7 +17,6 @@ from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 from flatcloth.session.machine import Accepted, Document
 from flatcloth.viewer.modes import review
 from flatcloth.viewer.modes.review import ReviewService
-from flatcloth.viewer.protocol.state import ViewRow
 
 
 def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,12 +50,11 @@ def test_a_view_accepted_against_the_check_stays_flagged_though_its_score_has_ri
     service = ReviewService(cast("Any", SimpleNamespace(integration=integration)))
     accepted = (Accepted(3, Rigid2(), score=0.9), Accepted(1, Rigid2(), score=0.9, fixed=True))
     document = Document(start_view=0, accepted=accepted)
-    rows = tuple(ViewRow(index=index, angle_deg=0.0, state="accepted") for index in range(4))
 
-    def told() -> list[tuple[int | None, bool, tuple[str, ...]]]:
-        views, _ = service.of_views(rows, document)
-        return [(view.order, view.flagged, view.flags) for view in views]
+    def told() -> dict[int, tuple[int | None, bool, tuple[str, ...]]]:
+        views = service.of_views(document)
+        return {view: (row["order"], row["flagged"], row["flags"]) for view, row in views.items()}
 
-    assert told() == [(0, False, ()), (2, False, ("by_hand",)), (None, False, ()), (1, False, ())]
+    assert told() == {0: (0, False, ()), 1: (2, False, ("by_hand",)), 3: (1, False, ())}
     service._flags = Flags(0.5, frozenset({3}))
     assert told()[3] == (1, True, ("overridden",))

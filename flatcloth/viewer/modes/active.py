@@ -32,7 +32,7 @@ from flatcloth.viewer.modes.session_work import Answer
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
-from flatcloth.viewer.protocol.state import AutoInfo, PageState
+from flatcloth.viewer.protocol.state import AutoInfo
 from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -183,11 +183,9 @@ class ActiveApplication(Application):
             return
         super()._auto_step()
 
-    def _page_state(self) -> PageState:
-        state = super()._page_state()
-        return structs.replace(
-            state, active=self.status(), actions=tuple(self._allowed(action) for action in state.actions)
-        )
+    def _fields(self) -> dict[str, Any]:
+        fields = super()._fields()
+        return {**fields, "active": self.status(), "actions": tuple(map(self._allowed, fields["actions"]))}
 
     def _allowed(self, action: Action) -> Action:
         """Return an action with the reason why it is not allowed now, for those that the loop changes."""

@@ -48,7 +48,7 @@ from flatcloth.viewer.protocol.allowed import action_table
 from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
-from flatcloth.viewer.protocol.state import CapturedView, CaptureStatus, PageState, ViewRow
+from flatcloth.viewer.protocol.state import CapturedView, CaptureStatus, ViewRow
 from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -410,23 +410,24 @@ class CaptureApplication(PageController):
                 view=view,
             )
 
-    def _page_state(self) -> PageState:
+    def _fields(self) -> dict[str, Any]:
         status = self.status()
         kept = tuple(
             ViewRow(index=i, angle_deg=angle, state="accepted", why_not="It is on disk.")
             for i, angle in enumerate(status.kept_deg)
         )
-        state = self._state_of(
-            None if self._shown is None else self._shown.picture,
-            mode="camera",
-            phase="camera",
-            capture=status,
-            views=kept,
-            present_view=None,
-            angle_deg=None,
-            actions=tuple(_allowed(action, status) for action in action_table(None)),
-        )
-        return structs.replace(state, recording=structs.replace(state.recording, n_views=len(kept)))
+        fields = super()._fields()
+        return {
+            **fields,
+            "recording": structs.replace(fields["recording"], n_views=len(kept)),
+            "mode": "camera",
+            "phase": "camera",
+            "capture": status,
+            "views": kept,
+            "present_view": None,
+            "angle_deg": None,
+            "actions": tuple(_allowed(action, status) for action in action_table(None)),
+        }
 
     def announce(self) -> None:
         """Send the state to every tab after a program (not the page) has changed it."""

@@ -342,35 +342,30 @@ class PageController(ABC):
     def _take(self, client: int, message: messages.Message) -> None:
         """Process a message that depends on the mode."""
 
-    @abstractmethod
-    def _page_state(self) -> PageState:
-        """Return the state for the tabs."""
-
-    def _state_of(self, picture: Picture | None, **mode: Any) -> PageState:
-        """Return the state of the page with a picture; ``mode`` are the fields that depend on the mode."""
-        integration, recording = self.integration, self.integration.recording
-        return PageState(
-            revision=self._revision,
-            method=integration.method,
-            recording=RecordingInfo(
+    def _fields(self) -> dict[str, Any]:
+        """Return the fields of the state for the tabs; each mode adds its own."""
+        integration, recording, picture = self.integration, self.integration.recording, self.picture
+        return {
+            "revision": self._revision,
+            "method": integration.method,
+            "recording": RecordingInfo(
                 name=recording.name, description=recording.description, n_views=len(recording)
             ),
-            notes=tuple(integration.notes),
-            auto=self._auto,
-            layers=None if picture is None else layers_of_shape(picture),
-            pick=self._picks.current_info(picture),
-            picks=self._picks.listed(picture),
-            log=self._log,
-            settings=self.settings.now,
-            settings_rows=self.settings.rows,
-            reject_reasons=REJECT_REASONS,
-            **mode,
-        )
+            "notes": tuple(integration.notes),
+            "auto": self._auto,
+            "layers": None if picture is None else layers_of_shape(picture),
+            "pick": self._picks.current_info(picture),
+            "picks": self._picks.listed(picture),
+            "log": self._log,
+            "settings": self.settings.now,
+            "settings_rows": self.settings.rows,
+            "reject_reasons": REJECT_REASONS,
+        }
 
     def publish(self) -> None:
         """Send the present state to every tab; on the page's own thread."""
         self._revision += 1
-        self.last_state = self._page_state()
+        self.last_state = PageState(**self._fields())
         self.tabs.show(self.last_state)
 
     def tell(self, client: int | None, level: NoteLevel, text: str) -> None:

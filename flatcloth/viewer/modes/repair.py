@@ -7,7 +7,6 @@ on a separate thread, so that nothing else waits for it.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -30,12 +29,11 @@ _STILL_DEG = 0.005
 
 
 class RepairService:
-    """Computes scores and refinements; its methods may be called from any thread and return immediately."""
+    """Computes scores and refinements; its methods are for the page's own thread and return immediately."""
 
     def __init__(self, page: PageController) -> None:
         self._page = page
-        self._wanted: dict[int, tuple[int, Document]] = {}
-        self._lock = threading.Lock()
+        self._newest: dict[int, int] = {}  # the last request of each tab
 
     def preview(self, client: int, asked: messages.Preview, document: Document, by: Rigid2) -> None:
         """Send a tab the score of the proposal moved ``by``; replaces its previous request.
@@ -48,32 +46,30 @@ class RepairService:
             self._page.tabs.tell(client, PreviewAnswer(id=asked.id, why=str(error)))
             return
         moved = replace(document, pending=replace(pending, nudge=by @ pending.nudge))
-        with self._lock:
-            waiting = client in self._wanted
-            self._wanted[client] = (asked.id, moved)
-        if not waiting:
-            self._page.executor.put("repair", lambda: self._answer(client))
+        self._newest[client] = asked.id
+
+        def answer() -> None:
+            if self._newest[client] != asked.id:
+                return
+            found = attempt(lambda: self._page.integration.refined_score(moved), "scoring the placement")
+            if isinstance(found, str):
+                told = PreviewAnswer(id=asked.id, why=found)
+            else:
+                told = PreviewAnswer(
+                    id=asked.id,
+                    score=found.score.total,
+                    apart_mm=found.score.apart_mm,
+                    refined_score=found.refined_score.total,
+                    refined_apart_mm=found.refined_score.apart_mm,
+                )
+            self._page.tabs.tell(client, told)
+
+        self._page.executor.put("repair", answer)
 
     def refine(self, document: Document, take: Callable[[RefinedScore | str], None]) -> None:
         """Refine the proposal from its present placement; ``take`` gets the result, or why there is none."""
         refine = self._page.integration.refined_score
         self._page.executor.compute("repair", lambda: refine(document), take, "refining")
-
-    def _answer(self, client: int) -> None:
-        with self._lock:
-            number, document = self._wanted.pop(client)
-        found = attempt(lambda: self._page.integration.refined_score(document), "scoring the placement")
-        if isinstance(found, str):
-            answer = PreviewAnswer(id=number, why=found)
-        else:
-            answer = PreviewAnswer(
-                id=number,
-                score=found.score.total,
-                apart_mm=found.score.apart_mm,
-                refined_score=found.refined_score.total,
-                refined_apart_mm=found.refined_score.apart_mm,
-            )
-        self._page.tabs.tell(client, answer)
 
 
 def meant(document: Document, view_index: int) -> Pending:

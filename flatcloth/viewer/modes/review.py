@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import secrets
 from collections.abc import Callable, Sequence
+from typing import Any
 
-from msgspec import structs
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
@@ -24,7 +24,7 @@ from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.answers import ResultInfo
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.state import ReviewInfo, ViewRow
+from flatcloth.viewer.protocol.state import ReviewInfo
 
 _log = logging.getLogger(__name__)
 
@@ -79,32 +79,31 @@ class ReviewService:
         """Look up what the next view is expected to add (m2); ``done`` is called on another thread."""
         self._page.executor.put("work", lambda: done(document, expected_next_m2(self._areas, document)))
 
-    def of_views(
-        self, views: tuple[ViewRow, ...], document: Document
-    ) -> tuple[tuple[ViewRow, ...], ReviewInfo]:
-        """Return the views of the page with order, area added and flags of each, and the texts of flags."""
+    def of_views(self, document: Document) -> dict[int, dict[str, Any]]:
+        """Return order, area added and flags of the decided views, as fields of their rows."""
         orders = {a.view_index: n for n, a in enumerate(document.accepted, start=1)}
         if document.start_view is not None:
             orders[document.start_view] = 0
         accepted = {a.view_index: a for a in (*document.accepted, *(w.decision for w in document.later))}
         added = self._areas.added_m2(document)
-        rows = []
-        for view in views:
-            order, decision = orders.get(view.index), accepted.get(view.index)
+        rows = {}
+        for view in {*orders, *accepted}:
+            order, decision = orders.get(view), accepted.get(view)
             area = None if order is None else added[order]
-            flags = () if decision is None else self._flags.of(decision)
-            rows.append(
-                structs.replace(
-                    view,
-                    flagged=not SUSPECT.isdisjoint(flags),
-                    order=order,
-                    added_cm2=None if area is None else 1e4 * area,
-                    flags=tuple(flags),
-                )
-            )
+            flags = () if decision is None else tuple(self._flags.of(decision))
+            rows[view] = {
+                "flagged": not SUSPECT.isdisjoint(flags),
+                "order": order,
+                "added_cm2": None if area is None else 1e4 * area,
+                "flags": flags,
+            }
+        return rows
+
+    def info(self, document: Document) -> ReviewInfo:
+        """Return what the page needs for the pictures and the flags of views."""
         axis = self._page.integration.axis
         place = hash((axis.point_m.tobytes(), axis.direction.tobytes(), document.strokes)) & 0xFFFFFFFF
-        return tuple(rows), ReviewInfo(token=f"{self._token}{place:x}", flags=FLAGS)
+        return ReviewInfo(token=f"{self._token}{place:x}", flags=FLAGS)
 
     def _go_on(self, *, failed: bool = False) -> None:
         """Compute the next missing item, or show what is new if there is none; on the page's own thread."""

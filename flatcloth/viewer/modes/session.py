@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from msgspec import structs
@@ -53,7 +54,7 @@ from flatcloth.viewer.protocol.allowed import command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
 from flatcloth.viewer.protocol.snapshot import of_session
-from flatcloth.viewer.protocol.state import AutoInfo, PageState
+from flatcloth.viewer.protocol.state import AutoInfo
 from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -388,20 +389,24 @@ class Application(PageController):
         self.other.follow(self.picture, busy=False)
         self.tell(None, level, text)
 
-    def _page_state(self) -> PageState:
-        angles_deg = self.integration.recording.angles_deg
-        own = of_session(self._state, self.picture, angles_deg, self._work.progress, self._trouble)
-        state = self._state_of(self.picture, **own)
-        views, review = self._review.of_views(state.views, self._state.document)
-        told = {"sides": self._sides.info(), "garment": self._garment.info(), "other": self.other.info()}
-        until = structs.replace(state.auto, until=auto.until_text(self.settings.now))
-        pending = self._placing.shown(state.pending, self._overlay)
-        if pending is not None and self._joins is not None and self._joins[0] is self._state.document:
+    def _fields(self) -> dict[str, Any]:
+        angles_deg, document = self.integration.recording.angles_deg, self._state.document
+        views = self._review.of_views(document)
+        own = of_session(self._state, self.picture, angles_deg, views, self._work.progress, self._trouble)
+        pending = self._placing.shown(own["pending"], self._overlay)
+        if pending is not None and self._joins is not None and self._joins[0] is document:
             pending = structs.replace(pending, joins=self._joins[1])
-        axis = session_work.axis_info(self.integration.axis)
-        return structs.replace(
-            state, views=views, review=review, pending=pending, auto=until, axis=axis, **told
-        )
+        return {
+            **super()._fields(),
+            **own,
+            "pending": pending,
+            "review": self._review.info(document),
+            "auto": structs.replace(self._auto, until=auto.until_text(self.settings.now)),
+            "axis": session_work.axis_info(self.integration.axis),
+            "sides": self._sides.info(),
+            "garment": self._garment.info(),
+            "other": self.other.info(),
+        }
 
     # --- results of the worker ---------------------------------------------------------------
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -35,10 +35,14 @@ def of_session(
     state: SessionState,
     picture: Picture | None,
     angles_deg: tuple[float, ...],
+    reviewed: Mapping[int, dict[str, Any]],
     progress: Progress | None,
     trouble: str,
 ) -> dict[str, Any]:
-    """Return the fields of the state of a session; ``trouble`` is why its shape cannot be drawn."""
+    """Return the fields of the state of a session.
+
+    ``reviewed`` are fields of the rows of decided views; ``trouble`` is why the shape cannot be drawn.
+    """
     document, request = state.document, state.request
     # The session is ahead of what is shown until its picture is computed.
     behind = document.start_view is not None and (picture is None or picture.document is not document)
@@ -60,7 +64,7 @@ def of_session(
         "undone": tuple(item.name for item in reversed(state.redo)),
         "n_later": len(document.later),
         "request": request and AwaitedRequest(kind=request.kind, view_index=request.view_index),
-        "views": tuple(_view(state, i, angle_deg) for i, angle_deg in enumerate(angles_deg)),
+        "views": tuple(_view(state, i, a, reviewed.get(i, {})) for i, a in enumerate(angles_deg)),
         "progress": progress or (Progress(share=0.0, text=text) if compiling else None),
         "pending": _pending(document, picture),
         "drawing": drawing,
@@ -68,7 +72,7 @@ def of_session(
     }
 
 
-def _view(state: SessionState, index: int, angle_deg: float) -> ViewRow:
+def _view(state: SessionState, index: int, angle_deg: float, reviewed: dict[str, Any]) -> ViewRow:
     document = state.document
     word, detail, score = _verdict(document, index)
     command = Start(index) if document.start_view is None else Propose(index)
@@ -81,6 +85,7 @@ def _view(state: SessionState, index: int, angle_deg: float) -> ViewRow:
         follows=_follows(document, index),
         why_not=why_illegal(state, command) if word != "pending" else "This view is the proposal.",
         why_not_reopen=why_illegal(state, Reopen(index)),
+        **reviewed,
     )
 
 

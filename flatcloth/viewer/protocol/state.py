@@ -1,4 +1,4 @@
-"""The state of the page, which every tab receives in full after each change."""
+"""The state of the page: a new tab receives all of it, then after each change the fields that differ."""
 
 from __future__ import annotations
 
@@ -420,7 +420,10 @@ class CaptureStatus(Sent, tag_field="type", tag="capture", frozen=True):
 
 
 class PageState(Sent, tag_field="type", tag="state", frozen=True):
-    """The whole state of the page. What the present mode does not have is None, or the default."""
+    """The state of the page: what the mode does not have is None, or the default.
+
+    A tab is sent the fields that differ from those that it was sent before.
+    """
 
     revision: int
     mode: Literal["session", "camera"]
