@@ -170,7 +170,10 @@ class Application(PageController):
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
-                self._fit(client, message)
+                nudge, fit = repair.fitted(self._state.document, self._placed(), message)
+                if nudge is not None:
+                    self._by_hand(nudge)
+                self.tabs.tell(client, fit)
             case messages.BackToBest(view_index=view):
                 pending = repair.meant(self._state.document, view)
                 self._by_hand(session_work.back_to_best(pending, self._overlay))
@@ -257,12 +260,6 @@ class Application(PageController):
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
         self.tell(client, "info", text)
-
-    def _fit(self, client: int, pairs: messages.Pairs) -> None:
-        nudge, answer = repair.fitted(self._state.document, self._placed(), pairs)
-        if nudge is not None:
-            self._by_hand(nudge)
-        self.tabs.tell(client, answer)
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:

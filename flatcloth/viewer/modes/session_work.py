@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 from msgspec import structs
@@ -46,8 +46,6 @@ from flatcloth.viewer.worker import attempt
 
 _log = logging.getLogger(__name__)
 
-
-T = TypeVar("T")
 
 PROGRESS_INTERVAL_S = 0.05
 """Interval between messages of progress. Chosen."""

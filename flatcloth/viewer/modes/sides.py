@@ -206,21 +206,18 @@ class SideController:
     def routes(self) -> list[BaseRoute]:
         """Return the routes: images of the labels of a view or of the shape."""
 
-        def labels(path: str, draw: Callable[[int, bool], bytes | None]) -> BaseRoute:
-            def make(request: Request) -> bytes | None:
-                return draw(request.path_params["view"], request.query_params.get("layer") == "certainty")
+        def of_view(path: str, make: Callable[[int, bool], Any], **options: str) -> BaseRoute:
+            def made(request: Request) -> Any:
+                return make(request.path_params["view"], request.query_params.get("layer") == "certainty")
 
-            return http.get(path, make, gone=_UNKNOWN)
-
-        def of_view(path: str, make: Callable[[int], Any], **options: str) -> BaseRoute:
-            return http.get(path, lambda r: make(r.path_params["view"]), gone=_UNKNOWN, **options)
+            return http.get(f"/sides/{{view:int}}{path}", made, gone=_UNKNOWN, **options)
 
         return [
             http.get("/sides/shape.png", lambda _: self._shape_png(self._page.picture), gone=_UNKNOWN),
-            labels("/sides/{view:int}.png", self.view_png),
-            of_view("/sides/{view:int}/box.json", self.item_box),
-            labels("/sides/{view:int}/small.png", self.small_png),
-            of_view("/sides/{view:int}/color.jpg", self._small_color, media_type="image/jpeg", kept=http.DAY),
+            of_view(".png", self.view_png),
+            of_view("/box.json", self.item_box),
+            of_view("/small.png", self.small_png),
+            of_view("/color.jpg", self._small_color, media_type="image/jpeg", kept=http.DAY),
         ]
 
     def _labels(self, view: int) -> ViewSegmentation | None:
@@ -243,7 +240,7 @@ class SideController:
         seen = None if found is None else found.observed.views.get(view)
         return None if seen is None else np.isin(seen.cluster, self._touched)
 
-    def _small_color(self, view: int) -> bytes | None:
+    def _small_color(self, view: int, _certain: bool = False) -> bytes | None:
         """Return the part of the image that the labels cover, as JPEG."""
         labels = self._labels(view)
         if labels is None:
@@ -252,7 +249,7 @@ class SideController:
         color = self._page.integration.recording[view].color[top : top + rows, left : left + cols]
         return jpeg_thumbnail(color)
 
-    def item_box(self, view: int) -> ItemBox | None:
+    def item_box(self, view: int, _certain: bool = False) -> ItemBox | None:
         """Return the part of a view that shows the item; None if it is not known, or the view shows none."""
         labels = self._labels(view)
         item = None if labels is None else np.argwhere(labels.side != NO_ITEM)

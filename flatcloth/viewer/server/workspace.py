@@ -109,11 +109,6 @@ class Workspace:
             ],
         )
 
-    @property
-    def folder(self) -> Path | None:
-        """The folder of the session."""
-        return self.application.place
-
     def mended(self, mends: Mends) -> Chosen:
         """Return the open recording as a place to open, with more mends.
 
