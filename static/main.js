@@ -83,7 +83,7 @@ const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 const connection = new Connection({
   message(message) {
     if (message.type === "switched") return location.replace("./");
-    if (message.type === "state") show(message);
+    if (message.type === "state") show({ ...page.thisSide, ...message });
     else if (message.type === "note") takeNote(message);
     page.take(message);
   },

@@ -44,12 +44,6 @@ def open_socket(server: PageServer, path: str = "/ws", **options: Any) -> Client
     return connect(f"ws://{address}{path}", **{**usual, **options})
 
 
-def decoded(text: str | bytes) -> dict:
-    """Return a message of the server, which must be one of those that the page has types for."""
-    msgspec.json.decode(text, type=ServerMessage)
-    return json.loads(text)
-
-
 def get_frame(server: PageServer, after: int = 0, layer: str = "color") -> dict[str, Any]:
     """Return the next frame of a camera that could be flattened, with its picture as ``image``."""
     while True:
@@ -82,12 +76,13 @@ class Tab:
         self._socket.send(text)
 
     def next(self):
-        """Return the next message."""
-        message = decoded(self._socket.recv(timeout=WAIT_S))
+        """Return the next message, which must be one of those that the page has types for."""
+        message = json.loads(self._socket.recv(timeout=WAIT_S))
         if message["type"] == "state":
-            self.state = message
+            message = self.state = {**self.state, **message}  # only what differs is sent
         elif message["type"] == "note":
             self.notes.append(message)
+        msgspec.convert(message, type=ServerMessage)
         return message
 
     def until(self, found):

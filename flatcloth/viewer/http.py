@@ -19,7 +19,7 @@ from starlette.routing import Route
 
 from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
-from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
+from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
 from flatcloth.viewer.protocol.sent import encoded
 
 BODY_S = 10.0

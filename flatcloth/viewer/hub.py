@@ -1,4 +1,4 @@
-"""The open tabs. Each tab receives all its messages, but only the newest state."""
+"""The open tabs. Each receives all its messages; of the newest state, the fields that it does not know."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import threading
 from collections import deque
 from collections.abc import Awaitable, Callable
 
+import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from flatcloth.viewer.protocol.answers import ServerMessage
@@ -28,7 +29,9 @@ class Tab:
     def __init__(self) -> None:
         self.news = asyncio.Event()
         self.is_ended = False
-        self._state: str | None = None
+        # The fields of the newest state, and of the last one that was sent, as JSON.
+        self._newest: dict[str, bytes] = {}
+        self._sent: dict[str, bytes] = {}
         self._messages: deque[str] = deque(maxlen=WAITING_LIMIT)
 
     def put(self, text: str) -> None:
@@ -36,18 +39,21 @@ class Tab:
         self._messages.append(text)
         self.news.set()
 
-    def put_state(self, text: str) -> None:
+    def put_state(self, fields: dict[str, bytes]) -> None:
         """Queue a state; it replaces one that has not been sent, so that a slow tab does not lag behind."""
-        self._state = text
+        self._newest = fields
         self.news.set()
 
     def take(self) -> list[str]:
         """Remove and return the queued messages."""
         self.news.clear()
-        waiting = [*self._messages, self._state]
+        waiting = [*self._messages]
         self._messages.clear()
-        self._state = None
-        return [one for one in waiting if one is not None]
+        sent, self._sent = self._sent, self._newest
+        changed = {name: msgspec.Raw(field) for name, field in self._sent.items() if sent.get(name) != field}
+        if changed:
+            waiting.append(encoded({"type": "state", **changed}).decode())
+        return waiting
 
 
 class Hub:
@@ -65,9 +71,9 @@ class Hub:
         self._loop = loop
 
     def show(self, state: PageState) -> None:
-        """Send the whole state to every tab."""
-        text = encoded(state).decode()
-        self._each(None, lambda tab: tab.put_state(text))
+        """Send every tab what it does not know of the state."""
+        fields = _fields_of(state)
+        self._each(None, lambda tab: tab.put_state(fields))
 
     def tell(self, client: int | None, message: ServerMessage) -> None:
         """Send one message to one tab, or to all of them."""
@@ -111,7 +117,7 @@ class Hub:
         tab.is_ended = self._is_closed
         self._tabs[key] = tab
         if first is not None:
-            tab.put_state(encoded(first).decode())
+            tab.put_state(_fields_of(first))
         sender = asyncio.create_task(_send(socket, tab))
         try:
             while True:
@@ -124,6 +130,10 @@ class Hub:
             await asyncio.gather(sender, return_exceptions=True)
             with self._left:
                 self._left.notify_all()
+
+
+def _fields_of(state: PageState) -> dict[str, bytes]:
+    return {name: encoded(getattr(state, name)) for name in state.__struct_fields__}
 
 
 async def _next_text(socket: WebSocket) -> str:

@@ -126,7 +126,9 @@ class Worker:
             job = None  # frees the arrays that it refers to
 
 
-Lane = Literal["work", "ahead", "repair", "sides", "scene", "teaching", "review", "garment", "other side"]
+Lane = Literal[
+    "work", "ahead", "repair", "sides", "scene", "clouds", "teaching", "review", "garment", "other side"
+]
 _PATIENT = ("review", "garment", "other side")
 """Lanes whose jobs begin when the other lanes have been idle for ``PATIENCE_S``: nobody waits for them."""
 PATIENCE_S = 1.5
@@ -164,13 +166,24 @@ class Executor:
         self._count(lane, 1)
         self._worker(lane).put(run)
 
-    def compute(self, lane: Lane, make: Callable[[], T], take: Callable[[T | str], None], doing: str) -> None:
-        """Make something, and give it, or why it cannot be made, to ``take`` on the page's own thread."""
+    def compute(
+        self,
+        lane: Lane,
+        make: Callable[[], T],
+        take: Callable[[T | str], None],
+        doing: str,
+        is_wanted: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """Make something, and give it, or why it cannot be made, to ``take`` on the page's own thread.
+
+        Nothing is made, and what was made is dropped, once ``is_wanted`` returns False.
+        """
 
         def job() -> None:
             with contextlib.suppress(CancelledError):
-                made = attempt(make, doing)
-                self.on_page(lambda: take(made))
+                if is_wanted():
+                    made = attempt(make, doing)
+                    self.on_page(lambda: take(made) if is_wanted() else None)
 
         self.put(lane, job)
 

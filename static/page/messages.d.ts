@@ -1,68 +1,5 @@
 // Made by flatcloth/viewer/protocol/typescript.py; not to be edited.
 
-/** Set the kind of the garment; None: the evidence decides. */
-export interface SetKind {
-  type: "garment_kind";
-  kind?: string | null;
-}
-
-/** Hold a named point of the garment at a place of the plane; the rest refits. */
-export interface HoldPoint {
-  type: "hold_point";
-  name: string;
-  u_m: number;
-  v_m: number;
-}
-
-/** Ask how the outline would lie if a point were held so; ``id`` comes back with the answer. */
-export interface PreviewPoint {
-  type: "preview_point";
-  name: string;
-  u_m: number;
-  v_m: number;
-  id: number;
-}
-
-/** Let a held point go, or all of them. */
-export interface ReleasePoints {
-  type: "release_points";
-  name?: string | null;
-}
-
-/** Lay a floating piece where the garment has a place for it, or refuse that place. */
-export interface DecidePiece {
-  type: "decide_piece";
-  label: string;
-  accepted: boolean;
-}
-
-/** Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``. */
-export interface DecideJoint {
-  type: "decide_joint";
-  revision: number;
-  index: number;
-  cut: boolean;
-}
-
-/** Pick a named point of the garment as a grasp. */
-export interface PickPoint {
-  type: "pick_point";
-  name: string;
-}
-
-/** Compute the other side of the item, if it is not known yet. */
-export interface ShowOther {
-  type: "other_side";
-}
-
-/** Cut a seam, or keep it: ``index`` in the list of seams at this ``revision`` of the other side. */
-export interface DecideSeam {
-  type: "decide_seam";
-  revision: number;
-  index: number;
-  keep: boolean;
-}
-
 /** Perform a session action; ``view_index`` is the view the user means, if the action has one. */
 export interface Do {
   type: "do";
@@ -304,17 +241,71 @@ export interface WhereToStroke {
   number?: number;
 }
 
+/** Set the kind of the garment; None: the evidence decides. */
+export interface SetKind {
+  type: "garment_kind";
+  kind?: string | null;
+}
+
+/** Hold a named point of the garment at a place of the plane; the rest refits. */
+export interface HoldPoint {
+  type: "hold_point";
+  name: string;
+  u_m: number;
+  v_m: number;
+}
+
+/** Ask how the outline would lie if a point were held so; ``id`` comes back with the answer. */
+export interface PreviewPoint {
+  type: "preview_point";
+  name: string;
+  u_m: number;
+  v_m: number;
+  id: number;
+}
+
+/** Let a held point go, or all of them. */
+export interface ReleasePoints {
+  type: "release_points";
+  name?: string | null;
+}
+
+/** Lay a floating piece where the garment has a place for it, or refuse that place. */
+export interface DecidePiece {
+  type: "decide_piece";
+  label: string;
+  accepted: boolean;
+}
+
+/** Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``. */
+export interface DecideJoint {
+  type: "decide_joint";
+  revision: number;
+  index: number;
+  cut: boolean;
+}
+
+/** Pick a named point of the garment as a grasp. */
+export interface PickPoint {
+  type: "pick_point";
+  name: string;
+}
+
+/** Compute the other side of the item, if it is not known yet. */
+export interface ShowOther {
+  type: "other_side";
+}
+
+/** Cut a seam, or keep it: ``index`` in the list of seams at this ``revision`` of the other side. */
+export interface DecideSeam {
+  type: "decide_seam";
+  revision: number;
+  index: number;
+  keep: boolean;
+}
+
 /** Every message that the page sends. */
 export type ClientMessage =
-  | SetKind
-  | HoldPoint
-  | PreviewPoint
-  | ReleasePoints
-  | DecidePiece
-  | DecideJoint
-  | PickPoint
-  | ShowOther
-  | DecideSeam
   | Do
   | Move
   | Preview
@@ -345,9 +336,18 @@ export type ClientMessage =
   | StrokeShape
   | CutShape
   | Brush
-  | WhereToStroke;
+  | WhereToStroke
+  | SetKind
+  | HoldPoint
+  | PreviewPoint
+  | ReleasePoints
+  | DecidePiece
+  | DecideJoint
+  | PickPoint
+  | ShowOther
+  | DecideSeam;
 
-/** The whole state of the page. What the present mode does not have is None, or the default. */
+/** The state of the page: what the mode does not have is None, or the default. */
 export interface PageState {
   type: "state";
   revision: number;

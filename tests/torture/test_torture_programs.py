@@ -79,6 +79,7 @@ def lines_of(journal: Path) -> bytes:
 
 def picked(url: str, token: str, rng: random.Random) -> set[int]:
     """Pick places of the shape until a random moment; return the picks that the page has shown."""
+    state: dict[str, Any] = {}
     seen: set[int] = set()
     until = time.monotonic() + (60.0 if rng.random() < 0.8 else rng.uniform(0.0, 2.0))
     shown = False
@@ -93,8 +94,9 @@ def picked(url: str, token: str, rng: random.Random) -> set[int]:
                 message = json.loads(socket.recv(timeout=left))
                 if message["type"] != "state":
                     continue
-                seen = {pick["id"] for pick in message["picks"]}
-                if layers := message["layers"]:
+                state |= message  # what has changed
+                seen = {pick["id"] for pick in state["picks"]}
+                if layers := state["layers"]:
                     if not shown:
                         shown, until = True, time.monotonic() + rng.uniform(0.0, 1.0)
                     (u, v), size = layers["origin_uv_m"], layers["pixel_size_m"]

@@ -21,6 +21,7 @@ from flatcloth.core.types import RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.session.axis_file import FILE, read_axis, settle_axis, write_axis
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.protocol.messages import parsed
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
@@ -118,7 +119,7 @@ def ready(server: PageServer) -> bool:
 
 def set_axis(server: PageServer, *, apply: bool = True, **values: float) -> None:
     axis = {"right_m": 0.01, "away_m": CENTER_M[2], "lean_right_deg": 10.0, "lean_away_deg": 0.0}
-    server.application.receive(1, json.dumps({"type": "axis", "apply": apply, **axis, **values}))
+    server.application.receive(1, parsed(json.dumps({"type": "axis", "apply": apply, **axis, **values})))
 
 
 def test_the_page_takes_an_axis_keeps_it_and_shows_the_shape_anew() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -26,7 +27,7 @@ from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import DecidePiece, HoldPoint, SetKind, without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.garment import GarmentController
-from flatcloth.viewer.protocol import garment as asked
+from flatcloth.viewer.protocol import messages as asked
 from flatcloth.viewer.worker import Executor
 
 LAID = Rigid2(0.0, -4.9, 0.02)
@@ -111,27 +112,14 @@ class Page:
     def __init__(self, service, put=lambda job: job()) -> None:
         self.told = threading.Event()
         self.answers: list[dict] = []
-        self.notes: list[tuple[str, str]] = []
         self.heard = threading.Event()
         self.executor = Executor(put)
-        self.controller = GarmentController(
-            service,
-            self.executor,
-            self.told.set,
-            self.tell,
-            lambda _: SetKind("towel"),
-            self.doubt,
-            self.note,
-        )
+        self.garments, self.tabs, self.publish = service, self, self.told.set
+        self.controller = GarmentController(cast("Any", self))
         self.doubts = 0
 
-    def doubt(self) -> None:
+    def draw_again(self) -> None:
         self.doubts += 1
-
-    def note(self, level: str, text: str) -> None:
-        self.notes.append((level, text))
-        if "seconds" not in text:
-            self.heard.set()
 
     def tell(self, _client, message) -> None:
         self.answers.append(msgspec.to_builtins(message))
@@ -144,9 +132,7 @@ class Page:
         return msgspec.to_builtins(self.controller.info())
 
     def decide(self, message):
-        made: list = []
-        self.controller.take(1, message, TWO_VIEWS, made.append)
-        return made[0]
+        return self.controller.decision(message)
 
 
 @pytest.fixture
@@ -201,7 +187,7 @@ def test_points_are_held_on_cloth_and_previewed_for_the_tab_that_asks(page) -> N
     held = page.decide(asked.HoldPoint(name="hem_left", u_m=0.1, v_m=0.2))
     assert isinstance(held, HoldPoint)
     assert held.point.uv_m == (0.1, 0.2)
-    page.controller.take(7, asked.PreviewPoint(id=3, name="hem_left", u_m=0.1, v_m=0.2), TWO_VIEWS, print)
+    page.controller.preview(7, asked.PreviewPoint(id=3, name="hem_left", u_m=0.1, v_m=0.2), TWO_VIEWS)
     assert page.heard.wait(20)
     (answer,) = page.answers
     assert (answer["type"], answer["id"]) == ("garment_preview", 3)

@@ -13,12 +13,10 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
-from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.engine.integration import Integration
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.session.machine import Document
-from flatcloth.viewer.joints import JointService
-from flatcloth.viewer.protocol.garment import DecideJoint
+from flatcloth.viewer.modes.joints import JointService
+from flatcloth.viewer.protocol.messages import DecideJoint
 
 SPACING_M = 0.012
 
@@ -70,8 +68,8 @@ def integration() -> _Integration:
 @pytest.fixture
 def service(integration) -> JointService:
     picture = SimpleNamespace(revision=3, document=Document(start_view=0))
-    garments = cast("GarmentService", SimpleNamespace(last=None))
-    return JointService(cast("Integration", integration), garments, lambda: cast("Any", picture))
+    page = SimpleNamespace(integration=integration, garments=SimpleNamespace(last=None), picture=picture)
+    return JointService(cast("Any", page))
 
 
 def test_a_joint_is_told_with_its_views_and_the_pixels_that_show_it(service) -> None:

@@ -11,18 +11,12 @@ from route_client import RouteClient
 from scenes import AXIS
 
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.result import More, Result
 from flatcloth.export.review import Flags
 from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 from flatcloth.session.machine import Accepted, Document
 from flatcloth.viewer.modes import review
 from flatcloth.viewer.modes.review import ReviewService
-from flatcloth.viewer.protocol.state import ViewRow
-from flatcloth.viewer.worker import Executor
-
-GARMENTS = cast("GarmentService", SimpleNamespace(last=None))
 
 
 def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -42,27 +36,25 @@ def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch
         return Result(uncertainty={}, left_out=(), more=More(reason="", expected=(), share=None))
 
     monkeypatch.setattr(review, "result_of", result_of)
-    integration = cast("Integration", SimpleNamespace(accept_score=0.5, axis=AXIS))
-    shown: list[Any] = []
-    service = ReviewService(integration, None, GARMENTS, lambda: shown[-1], Executor(print), lambda: None)
-    client = RouteClient(service.routes())
+    integration = SimpleNamespace(accept_score=0.5, axis=AXIS)
+    page = SimpleNamespace(integration=integration)
+    client = RouteClient(ReviewService(cast("Any", page)).routes())
     for revision, document in enumerate(documents):
-        shown.append(SimpleNamespace(revision=revision, document=document))
+        page.picture = SimpleNamespace(revision=revision, document=document)
         assert client.get("/review/result.json").json()["revision"] == revision
     assert computed == documents[:3]
 
 
 def test_a_view_accepted_against_the_check_stays_flagged_though_its_score_has_risen() -> None:
-    integration = cast("Integration", SimpleNamespace(accept_score=0.5, axis=AXIS))
-    service = ReviewService(integration, None, GARMENTS, lambda: None, Executor(print), lambda: None)
+    integration = SimpleNamespace(accept_score=0.5, axis=AXIS)
+    service = ReviewService(cast("Any", SimpleNamespace(integration=integration)))
     accepted = (Accepted(3, Rigid2(), score=0.9), Accepted(1, Rigid2(), score=0.9, fixed=True))
     document = Document(start_view=0, accepted=accepted)
-    rows = tuple(ViewRow(index=index, angle_deg=0.0, state="accepted") for index in range(4))
 
-    def told() -> list[tuple[int | None, bool, tuple[str, ...]]]:
-        views, _ = service.of_views(rows, document)
-        return [(view.order, view.flagged, view.flags) for view in views]
+    def told() -> dict[int, tuple[int | None, bool, tuple[str, ...]]]:
+        views = service.of_views(document)
+        return {view: (row["order"], row["flagged"], row["flags"]) for view, row in views.items()}
 
-    assert told() == [(0, False, ()), (2, False, ("by_hand",)), (None, False, ()), (1, False, ())]
+    assert told() == {0: (0, False, ()), 1: (2, False, ("by_hand",)), 3: (1, False, ())}
     service._flags = Flags(0.5, frozenset({3}))
     assert told()[3] == (1, True, ("overridden",))

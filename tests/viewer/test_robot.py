@@ -28,6 +28,7 @@ from flatcloth.grasping.grasps import grasp_at
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Document, Start
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.protocol.messages import parsed
 from flatcloth.viewer.routes.robot_answers import RobotAnswers
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
@@ -67,10 +68,10 @@ def test_a_robot_that_speaks_still_hears_what_changes(server: PageServer) -> Non
         robot.send("are you there?")
         robot.send("and now?")
         rename = {"type": "rename_pick", "id": grasp["id"], "name": "seam"}
-        server.application.receive(0, json.dumps(rename))
+        server.application.receive(0, parsed(json.dumps(rename)))
         while grasp["name"] != "seam":
             grasp = json.loads(robot.recv(timeout=WAIT_S)).get("grasp", grasp)
-        server.application.receive(0, json.dumps({**rename, "name": "Pick 1"}))
+        server.application.receive(0, parsed(json.dumps({**rename, "name": "Pick 1"})))
 
 
 class Page:
@@ -82,7 +83,7 @@ class Page:
         self.picture: Any = SimpleNamespace(
             document=document, sheet=sheet, view=view, revision=1, angle_deg=0.0
         )
-        self.garments = SimpleNamespace(last=None)
+        self.garments, self.integration = SimpleNamespace(last=None), SimpleNamespace(axis=object())
         self.picks: tuple[Any, ...] = ()
         self.grips: dict[int, Any] = {}
         self.computed = 0
@@ -95,8 +96,8 @@ class Page:
 
 
 def test_poses_are_computed_for_robots_only_when_something_has_changed() -> None:
-    page, integration = Page(), SimpleNamespace(axis=object())
-    answers = RobotAnswers(cast("Any", page), cast("Any", integration))
+    page = Page()
+    answers = RobotAnswers(cast("Any", page))
     another = SimpleNamespace(**vars(page.picture))
     changes: tuple[dict[str, Any], ...]
     changes = {"picks": (1,)}, {"picks": (1, 2)}, {"grips": {1: "narrow"}}, {"picture": another}
@@ -107,7 +108,7 @@ def test_poses_are_computed_for_robots_only_when_something_has_changed() -> None
             assert present is not None
             assert {grasp["id"] for grasp in present.document["grasps"]} == set(page.picks)
         assert page.computed == count
-    integration.axis = object()
+    page.integration.axis = object()
     answers.present(None)
     assert page.computed == 5
 
@@ -249,7 +250,7 @@ def first_pick(server: PageServer) -> dict[str, Any]:
 
 
 def forget(server: PageServer, number: int) -> None:
-    server.application.receive(0, json.dumps({"type": "delete_pick", "id": number}))
+    server.application.receive(0, parsed(json.dumps({"type": "delete_pick", "id": number})))
     server.application.answered(lambda: None)  # the page's thread has done it
 
 

@@ -8,7 +8,8 @@ import struct
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -39,10 +40,18 @@ def integration():
     return Integration(Cylinder(**CLOTH))
 
 
+def teaching(integration, executor=None) -> TeachingRoutes:
+    """The teaching mode of a page that knows neither a garment nor another side."""
+    executor = executor or Executor(lambda job: job())
+    garments = SimpleNamespace(last=None)
+    page = SimpleNamespace(integration=integration, executor=executor, garments=garments, other_sheet=None)
+    return TeachingRoutes(cast("Any", page))
+
+
 @pytest.fixture(scope="module")
 def routes(integration):
     executor = Executor(lambda job: job())
-    yield TeachingRoutes(integration, executor)
+    yield teaching(integration, executor)
     executor.stop()
 
 
@@ -181,7 +190,7 @@ def test_without_a_start_view_it_is_the_papers(page):
 def test_the_sliders_reach_the_sessions_own_values():
     config = Integration(Cylinder(**CLOTH)).config
     config = replace(config, planning=replace(config.planning, z_angle_limit_deg=80.0, overlap_area_m2=0.004))
-    routes = TeachingRoutes(Integration(Cylinder(**CLOTH), config), Executor(lambda job: job()))
+    routes = teaching(Integration(Cylinder(**CLOTH), config))
     values, _ = lesson(Page(routes), "flattening", start_view=0)
     assert values["sliders"]["z_angle_limit_deg"]["high"] == 80.0
     assert values["sliders"]["overlap_cm2"]["low"] == 40.0
@@ -227,7 +236,7 @@ class Plate:
 
 
 def test_the_sides_without_masks_are_shown_with_their_evidence():
-    routes = TeachingRoutes(Integration(Plate()), Executor(lambda job: job()))
+    routes = teaching(Integration(Plate()))
     values, body = lesson(Page(routes), "sides")
     assert values["kind"] == "sides"
     assert_whole(values, body)
@@ -248,7 +257,7 @@ def test_the_sides_without_masks_are_shown_with_their_evidence():
 
 
 def test_the_garment_is_explained_by_an_example_until_there_is_a_shape(integration):
-    routes = TeachingRoutes(integration, Executor(lambda job: job()))
+    routes = teaching(integration)
     values, body = lesson(Page(routes), "garment", revision=3)
     assert_whole(values, body)
     assert values["flat"] is None

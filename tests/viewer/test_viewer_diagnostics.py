@@ -11,7 +11,7 @@ from route_client import RouteClient
 from viewer_fakes import PIXEL_M
 
 from flatcloth.core.types import Rigid2
-from flatcloth.viewer.modes.diagnostics import DiagnosticsService
+from flatcloth.viewer.modes.diagnostics import diagnostics_routes
 
 
 @pytest.fixture
@@ -22,11 +22,9 @@ def held():
     sheet = SimpleNamespace(shown=lambda motion, _center: motion)
     overlay = SimpleNamespace(revision=7, proposal=proposal, own_center_uv_m=(0.0, 0.0), sheet=sheet)
     document = proposed(1)
-    held = SimpleNamespace(
-        picture=SimpleNamespace(revision=3, overlay=overlay, document=document, view=views.view(0))
-    )
-    made = DiagnosticsService(views, lambda: held.picture)
-    return SimpleNamespace(held=held, get=RouteClient(made.routes()).get)
+    picture = SimpleNamespace(revision=3, overlay=overlay, document=document, view=views.view(0))
+    page = SimpleNamespace(integration=views, picture=picture)
+    return SimpleNamespace(held=page, get=RouteClient(diagnostics_routes(page)).get)
 
 
 def test_the_page_is_told_curves_and_lines(held):

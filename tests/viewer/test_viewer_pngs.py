@@ -24,7 +24,7 @@ from flatcloth.rendering.layers import (
     rgba,
 )
 from flatcloth.viewer.protocol.picture import truth_of
-from flatcloth.viewer.routes.layers import LayerRoutes
+from flatcloth.viewer.routes.layers import layer_routes
 
 VIEW = cylinder_view({0: 0.0})
 
@@ -32,12 +32,13 @@ VIEW = cylinder_view({0: 0.0})
 @pytest.fixture
 def shown():
     overlay = SimpleNamespace(revision=7, view=cylinder_view({1: -30.0}))
-    return SimpleNamespace(picture=SimpleNamespace(revision=3, view=VIEW, overlay=overlay, other=None))
+    picture = SimpleNamespace(revision=3, view=VIEW, overlay=overlay, other=None)
+    return SimpleNamespace(picture=picture, integration=CylinderIntegration())
 
 
 @pytest.fixture
 def client(shown):
-    return RouteClient(LayerRoutes(lambda: shown.picture, CylinderIntegration()).routes())
+    return RouteClient(layer_routes(shown))
 
 
 def image_of(answer):

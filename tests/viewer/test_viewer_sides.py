@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -20,7 +22,7 @@ def test_a_stroke_beside_the_image_is_no_decision() -> None:
     integration = Integration(
         Cylinder(angles_deg=(0.0, 20.0), masks=False), segmenter=lambda _views, _progress: None
     )
-    sides = SideController(integration, Executor(lambda job: job()), lambda _changed: None)
+    sides = SideController(cast("Any", SimpleNamespace(integration=integration)))
     camera = integration.recording.intrinsics
     for points in (((-5.0, 3.0),), ((3.0, camera.width + 9.0),), ((camera.height + 1.0, 3.0),)):
         with pytest.raises(FlatclothError, match="outside the image of view 1"):
@@ -38,15 +40,18 @@ def test_the_cloud_of_the_first_view_is_shown_while_the_sides_are_looked_for() -
 
     integration = Integration(Cylinder(angles_deg=(0.0, 20.0), masks=False), segmenter=observe)
     executor = Executor(lambda job: job())
-    sides = SideController(integration, executor, lambda _changed: failed.set())
+    seen = threading.Event()
+
+    def see(xyz, rgb, *, anew):
+        shown.append((xyz, rgb))
+        seen.set()
+
+    page = SimpleNamespace(
+        integration=integration, executor=executor, publish=failed.set, scene=SimpleNamespace(see=see)
+    )
+    sides = SideController(cast("Any", page))
     try:
-        seen = threading.Event()
-
-        def show(xyz, rgb):
-            shown.append((xyz, rgb))
-            seen.set()
-
-        sides.look_first(show)
+        sides.look_first()
         sides.follow(Document())
         assert seen.wait(10.0)
         assert not failed.is_set()  # still looking

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import logging
-from dataclasses import replace
 from typing import Any
 
 from msgspec import structs
@@ -33,7 +32,7 @@ from flatcloth.viewer.modes.session_work import Answer
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
-from flatcloth.viewer.protocol.state import AutoInfo, PageState
+from flatcloth.viewer.protocol.state import AutoInfo
 from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -88,10 +87,10 @@ class ActiveApplication(Application):
         What turns the item, for the page.
     """
 
-    def __init__(self, loop: PageLoop, scene_view: Scene, sink: Hub, eye: Eye | None, source: str) -> None:
+    def __init__(self, loop: PageLoop, scene: Scene, tabs: Hub, eye: Eye | None, source: str) -> None:
         assert loop.integration is not None
         assert loop.session is not None
-        super().__init__(loop.integration, loop.session, scene_view, sink)
+        super().__init__(loop.integration, loop.session, scene, tabs)
         self.loop, self._eye, self._source = loop, eye, source
         self._undecided: int | None = None
         self._is_learning = self._is_turning = False
@@ -131,8 +130,9 @@ class ActiveApplication(Application):
         if isinstance(asked, End):
             raise IllegalDecisionError(f"The loop has ended. {asked.reason}")
         self._is_turning = True
-        self.executor.put("work", functools.partial(self._look, self._eye, asked))
-        self._publish()
+        eye = self._eye
+        self.executor.compute("work", lambda: self._look(eye, asked), self._turned, "taking a view")
+        self.publish()
 
     def propose_view(self, number: int) -> None:
         """Propose a view that was taken; called on the thread of the computations."""
@@ -150,7 +150,7 @@ class ActiveApplication(Application):
         if number is None or self._is_learning or self._state.phase in (Phase.COMPUTING, Phase.DECIDING):
             return
         self._is_learning = True
-        self.executor.put("work", functools.partial(self._learn, number))
+        self.executor.compute("work", lambda: self._learn(number), self._settled, "learning from a view")
 
     def _go_on(self) -> None:
         """Propose nothing after a verdict: the loop asks for the next view."""
@@ -160,34 +160,32 @@ class ActiveApplication(Application):
 
     def _answered(self, answer: Answer) -> None:
         """Also let Auto go on after a view that cannot be placed: it is put off, as without a page."""
-        puts_off = self._page_status.auto.running and self._undecided is not None
+        puts_off = self._auto.running and self._undecided is not None
         super()._answered(answer)
         if answer.event is None and puts_off:
-            self._page_status = replace(self._page_status, auto=AutoInfo(running=True))
+            self._auto = AutoInfo(running=True)
 
     def _auto_step(self) -> None:
         """Also let the cell turn, and put off what is not sure, as a run without an operator does."""
         pending = self._state.document.pending
         if self._state.phase is Phase.FINISHED or (pending is None and self._undecided is not None):
-            if self._page_status.auto.running and self._undecided is None and not self._is_turning:
+            if self._auto.running and self._undecided is None and not self._is_turning:
                 if isinstance(self.loop.asked, Next) and self._eye is not None:
                     if not isinstance(self._eye, CameraEye):  # a person turns, and says so
                         self._turn()
                 elif isinstance(self.loop.asked, End):
                     self._end_auto("info", self.loop.asked.reason)
             return
-        low = pending is not None and not pending.score >= self._page_settings.now.auto_threshold
+        low = pending is not None and not pending.score >= self.settings.now.auto_threshold
         is_up_to_date = self.picture is not None and self.picture.document is self._state.document
-        if self._page_status.auto.running and pending is not None and low and is_up_to_date:
+        if self._auto.running and pending is not None and low and is_up_to_date:
             self._do(Reject(pending.view_index, UNSURE))
             return
         super()._auto_step()
 
-    def _page_state(self) -> PageState:
-        state = super()._page_state()
-        return structs.replace(
-            state, active=self.status(), actions=tuple(self._allowed(action) for action in state.actions)
-        )
+    def _fields(self) -> dict[str, Any]:
+        fields = super()._fields()
+        return {**fields, "active": self.status(), "actions": tuple(map(self._allowed, fields["actions"]))}
 
     def _allowed(self, action: Action) -> Action:
         """Return an action with the reason why it is not allowed now, for those that the loop changes."""
@@ -229,16 +227,14 @@ class ActiveApplication(Application):
 
     # --- the thread of the computations ---------------------------------------------------------
 
-    def _look(self, eye: Eye, asked: Next) -> None:
-        trouble = ""
+    def _look(self, eye: Eye, asked: Next) -> str:
+        """Take a view; return what there is to tell of it."""
         try:
             taken = self.loop.take(eye(asked.angle_deg, self.loop.views), self.loop.views)
-            trouble = " ".join(taken.told)
         except FlatclothError as error:
-            trouble = str(error)
-            self.loop.fail(trouble)
-        finally:
-            self._put(None, functools.partial(self._turned, trouble))
+            self.loop.fail(str(error))
+            raise
+        return " ".join(taken.told)
 
     def _aim(self, goal: Goal) -> None:
         self.loop.aim_at(goal)
@@ -247,31 +243,22 @@ class ActiveApplication(Application):
     def _turned(self, trouble: str) -> None:
         self._is_turning = False
         if trouble:
-            self._tell(None, "warning", trouble)
-        self._publish()
+            self.tell(None, "warning", trouble)
+        self.publish()
 
-    def _learn(self, number: int) -> None:
-        """Begin again with a view that alone shows more than the shape, or ask for the next one."""
-        better = None
-        try:
-            better = self._better_start()
-            if better is None:
-                self.loop.settled(number)
-        except FlatclothError as error:
-            self._put(None, functools.partial(self._tell, None, "warning", str(error)))
-        finally:
-            self._put(None, functools.partial(self._settled, better))
+    def _learn(self, number: int) -> int | None:
+        """Return the start view that Auto begins again with, once each, or ask for the next view."""
+        better = better_start(self.integration, self._state.document) if self._auto.running else None
+        if better is not None and better != self._restarted_with:
+            return better
+        self.loop.settled(number)
+        return None
 
-    def _better_start(self) -> int | None:
-        """Return the start view that Auto begins again with, once each."""
-        better = None
-        if self._page_status.auto.running:
-            better = better_start(self._integration, self._state.document)
-        return None if better == self._restarted_with else better
-
-    def _settled(self, better: int | None) -> None:
+    def _settled(self, better: int | str | None) -> None:
         self._is_learning = False
-        if better is not None:
+        if isinstance(better, str):
+            self.tell(None, "warning", better)
+        elif better is not None:
             self._restarted_with = better
             self._do(Restart(better))
             return
@@ -283,10 +270,10 @@ class ActiveApplication(Application):
 
         def show() -> None:
             if isinstance(self.loop.asked, End):
-                self._tell(None, "info", self.loop.asked.reason)
+                self.tell(None, "info", self.loop.asked.reason)
                 self.executor.put("work", self._write)
             self._settle()
-            self._publish()
+            self.publish()
 
         self._put(None, show)
 
@@ -295,4 +282,4 @@ class ActiveApplication(Application):
         try:
             self.answered(self.loop.write)
         except FlatclothError as error:
-            self._put(None, functools.partial(self._tell, None, "error", str(error)))
+            self._put(None, functools.partial(self.tell, None, "error", str(error)))

@@ -48,7 +48,7 @@ from flatcloth.viewer.protocol.allowed import action_table
 from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
-from flatcloth.viewer.protocol.state import CapturedView, CaptureStatus, PageState, ViewRow
+from flatcloth.viewer.protocol.state import CapturedView, CaptureStatus, ViewRow
 from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -95,7 +95,7 @@ class CaptureApplication(PageController):
 
     Parameters
     ----------
-    integration, folder, scene_view, sink
+    integration, folder, scene, tabs
         The integration is that of a :func:`flatcloth.engine.live.camera_recording`.
     feed : CameraFeed
         The camera; it is started and stopped with the page.
@@ -107,13 +107,13 @@ class CaptureApplication(PageController):
         self,
         integration: Integration,
         folder: SessionFolder,
-        scene_view: Scene,
-        sink: Hub,
+        scene: Scene,
+        tabs: Hub,
         feed: CameraFeed,
         settings: CaptureSettings,
     ) -> None:
-        super().__init__(integration, folder, scene_view, sink)
-        self._feed, self._settings = feed, settings
+        super().__init__(integration, folder, scene, tabs)
+        self._feed, self._chosen = feed, settings
         self._state_at_s = 0.0
         self._shown: Shown | None = None
         self._frames = LiveFrames(LiveFlattening(integration, feed).newest)
@@ -139,8 +139,8 @@ class CaptureApplication(PageController):
         self._put(None, self._begin)
 
     def _begin(self) -> None:
-        self._scene_view.arrange(self._page_settings.now)
-        self._publish()
+        self.scene.arrange(self.settings.now)
+        self.publish()
 
     def stop(self) -> None:
         """Stop the camera and all threads; kept views are on disk."""
@@ -163,14 +163,14 @@ class CaptureApplication(PageController):
                 try:
                     self._guided.see(frame)
                 except FlatclothError as error:
-                    self._put(None, partial(self._tell, None, "error", str(error)))
+                    self._put(None, partial(self.tell, None, "error", str(error)))
                 changed = self._note_view() or _place(before) != _place(self._guided.state)
                 self._check_if_doubled(len(self._guided.state.kept_deg))
         if changed:
-            self._put(None, self._publish)
+            self._put(None, self.publish)
         if changed or now_s - self._reported_s >= STATUS_INTERVAL_S:
             self._reported_s = now_s
-            self._sink.tell(None, self.status())
+            self.tabs.tell(None, self.status())
         if not self._busy.is_set() and self._frames.playing:
             self._busy.set()
             self.executor.put("scene", lambda: self._look(frame, now_s))
@@ -187,7 +187,7 @@ class CaptureApplication(PageController):
     def _on_end(self, text: str) -> None:
         self._ended = text
         self._frames.hold()
-        self._put(None, lambda: self._tell(None, "error", text))
+        self._put(None, lambda: self.tell(None, "error", text))
 
     # --- the second thread -----------------------------------------------------------------------------
 
@@ -203,9 +203,9 @@ class CaptureApplication(PageController):
                 center = np.median(points, axis=0) if len(points) else None
                 if center is not None:
                     gone = self._framed_at is None or np.linalg.norm(center - self._framed_at) > REFRAME_M
-                    reset_view = bool(gone and self._page_settings.now.follow)
+                    reset_view = bool(gone and self.settings.now.follow)
                     self._framed_at = center if reset_view or self._framed_at is None else self._framed_at
-            self._scene_view.see(points, colors, anew=reset_view)
+            self.scene.see(points, colors, anew=reset_view)
         except Exception:  # noqa: BLE001 - the next frame may work; the thread must continue
             _log.exception("the cloud of a camera's frame could not be shown")
         finally:
@@ -219,12 +219,12 @@ class CaptureApplication(PageController):
 
     def _check_kept(self) -> None:
         try:
-            found = check_recording(open_recording(str(self._settings.folder))).findings
+            found = check_recording(open_recording(str(self._chosen.folder))).findings
         except FlatclothError as error:
-            self._put(None, partial(self._tell, None, "warning", str(error)))
+            self._put(None, partial(self.tell, None, "warning", str(error)))
             return
         self._doubts = tuple(finding.line for finding in found if finding.stops)
-        self._sink.tell(None, self.status())
+        self.tabs.tell(None, self.status())
 
     # --- the web server's threads ---------------------------------------------------------------
 
@@ -238,19 +238,20 @@ class CaptureApplication(PageController):
             now_s = time.monotonic()
             if not self._frames.playing or now_s - self._state_at_s > STATE_INTERVAL_S:
                 self._state_at_s = now_s
-                self._put(None, self._publish)
-        picture, axis = shown.picture, self._integration.axis
+                self._put(None, self.publish)
+        picture, axis = shown.picture, self.integration.axis
         info = FrameInfo(sequence=shown.sequence, reason=shown.reason)
-        if picture is None:
-            return _parcel(info).pack()
-        info = structs.replace(
-            info,
-            grid=Grid(**grid_of(picture.view)),
-            legend=typed(layers.legend(picture.view, layer, axis, (0.0,)), Legend),
-            pick_uv_m=self._pick_uv_m(picture),
-        )
-        parcel, rgba = _parcel(info), layers.rgba(picture.view, layer, axis, 1)
-        parcel.picture("frame", layers.png(rgba), rgba.shape[:2])
+        if picture is not None:
+            info = structs.replace(
+                info,
+                grid=Grid(**grid_of(picture.view)),
+                legend=typed(layers.legend(picture.view, layer, axis, (0.0,)), Legend),
+                pick_uv_m=self._pick_uv_m(picture),
+            )
+        parcel = Parcel(msgspec.json.decode(encoded(info)))  # encoding makes NaN null
+        if picture is not None:
+            rgba = layers.rgba(picture.view, layer, axis, 1)
+            parcel.picture("frame", layers.png(rgba), rgba.shape[:2])
         return parcel.pack()
 
     def _pick_uv_m(self, picture: Picture) -> UV | None:
@@ -269,26 +270,26 @@ class CaptureApplication(PageController):
         match message:
             case messages.Capture(action=action, angle_deg=angle_deg):
                 self.act(action, angle_deg)
-                self._publish()
+                self.publish()
             case messages.Play(playing=playing):
                 if playing:
                     self._frames.play()
                 else:
                     # A frame flattened ahead must not appear after the pause.
                     self._frames.hold(None if self._shown is None else self._shown.sequence)
-                self._publish()
+                self.publish()
             case messages.PickAt(u_m=u, v_m=v, revision=revision):
                 self._picks.add(self._held(revision), u, v)
-                self._publish()
+                self.publish()
             case _:
                 raise IllegalDecisionError(ONLY_A_CAMERA)
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         shown = self._shown
-        points_m = self._scene_view.visible_points()
+        points_m = self.scene.visible_points()
         if shown is not None and self._picks.add_on_ray(shown.picture, points_m, origin_m, direction):
             self._held(shown.sequence)
-            self._publish()
+            self.publish()
 
     def _held(self, sequence: int | None) -> Picture:
         """Pause at the clicked frame, and return it."""
@@ -344,7 +345,7 @@ class CaptureApplication(PageController):
                 guided.close()
 
     def _begin_capture(self) -> None:
-        guided, chosen, camera = self._guided, self._settings, self._feed.camera
+        guided, chosen, camera = self._guided, self._chosen, self._feed.camera
         if guided is not None and guided.state.phase is not Phase.DONE:
             raise IllegalDecisionError("A capture is running; finish it first.")
         folder = chosen.folder
@@ -393,12 +394,12 @@ class CaptureApplication(PageController):
                 playing=self._frames.playing,
                 ended=self._ended,
                 warnings=(*self._warnings, *self._doubts),
-                folder=str(self._settings.folder),
+                folder=str(self._chosen.folder),
                 phase=phase,
                 why_not={a: None if phase == when else why for a, (when, why) in _ALLOWED.items()},
-                step_deg=self._settings.step_deg,
+                step_deg=self._chosen.step_deg,
                 hold_s=HOLD_S,
-                frames=self._settings.frames,
+                frames=self._chosen.frames,
                 target_deg=state.target_deg,
                 turn_by_deg=state.turn_by_deg,
                 taken=state.taken,
@@ -409,36 +410,32 @@ class CaptureApplication(PageController):
                 view=view,
             )
 
-    def _page_state(self) -> PageState:
+    def _fields(self) -> dict[str, Any]:
         status = self.status()
         kept = tuple(
             ViewRow(index=i, angle_deg=angle, state="accepted", why_not="It is on disk.")
             for i, angle in enumerate(status.kept_deg)
         )
-        state = self._state_of(
-            None if self._shown is None else self._shown.picture,
-            mode="camera",
-            phase="camera",
-            capture=status,
-            views=kept,
-            present_view=None,
-            angle_deg=None,
-            actions=tuple(_allowed(action, status) for action in action_table(None)),
-        )
-        return structs.replace(state, recording=structs.replace(state.recording, n_views=len(kept)))
+        fields = super()._fields()
+        return {
+            **fields,
+            "recording": structs.replace(fields["recording"], n_views=len(kept)),
+            "mode": "camera",
+            "phase": "camera",
+            "capture": status,
+            "views": kept,
+            "present_view": None,
+            "angle_deg": None,
+            "actions": tuple(_allowed(action, status) for action in action_table(None)),
+        }
 
     def announce(self) -> None:
         """Send the state to every tab after a program (not the page) has changed it."""
-        self._put(None, self._publish)
+        self._put(None, self.publish)
 
 
 def _place(state: Capture) -> tuple[Phase, int, float]:
     return state.phase, len(state.kept_deg), state.target_deg
-
-
-def _parcel(info: FrameInfo) -> Parcel:
-    """Return what is sent with a frame; encoding makes NaN null."""
-    return Parcel(msgspec.json.decode(encoded(info)))
 
 
 _ALLOWED = {

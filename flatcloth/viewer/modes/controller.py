@@ -11,8 +11,8 @@ import logging
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -34,13 +34,12 @@ from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer
-from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described
 from flatcloth.viewer.protocol.sent import UV, Note, NoteLevel
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, method_numbers
-from flatcloth.viewer.protocol.snapshot import PageStatus, layers_of_shape
-from flatcloth.viewer.protocol.state import PageState, RecordingInfo
+from flatcloth.viewer.protocol.snapshot import layers_of_shape
+from flatcloth.viewer.protocol.state import AutoInfo, PageState, RecordingInfo
 from flatcloth.viewer.worker import Executor, Worker
 
 if TYPE_CHECKING:  # viser is loaded with the first source, and not at all for a robot without a page
@@ -67,20 +66,17 @@ class PageController(ABC):
         Data source of the page.
     folder : SessionFolder
         Stores the picks.
-    scene_view, sink
+    scene, tabs
         The 3D side and the tabs.
     """
 
-    def __init__(self, integration: Integration, folder: SessionFolder, scene_view: Scene, sink: Hub) -> None:
-        self._integration = integration
-        self._folder = folder
-        self._scene_view = scene_view
-        self._sink = sink
-        self._page_status = PageStatus()
+    def __init__(self, integration: Integration, folder: SessionFolder, scene: Scene, tabs: Hub) -> None:
+        self.integration, self.folder, self.scene, self.tabs = integration, folder, scene, tabs
         # A session in memory has its settings in memory too.
-        self._page_settings = SettingsStore(
-            getattr(folder, "folder", None), Settings(auto_threshold=integration.accept_score)
-        )
+        self.place: Path | None = getattr(folder, "folder", None)
+        self.settings = SettingsStore(self.place, Settings(auto_threshold=integration.accept_score))
+        self._auto = AutoInfo()
+        self._log: tuple[Note, ...] = ()
         self._picks = PickStore(folder, integration.axis, self._highlight)
         self._both = BothSides(integration)
         self.garments = GarmentService(integration, self._both)
@@ -90,6 +86,7 @@ class PageController(ABC):
         self.last_state: PageState | None = None  # what was sent last
         self._front = Worker("flatcloth-session", self._recover)
         self.executor = Executor(partial(self._put, None))
+        scene.in_background = partial(self.executor.put, "clouds")
 
     # --- from any thread ---------------------------------------------------------------------
 
@@ -119,7 +116,7 @@ class PageController(ABC):
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this mode."""
-        return [http.get("/settings/numbers.json", lambda _: method_numbers(self._integration.config))]
+        return [http.get("/settings/numbers.json", lambda _: method_numbers(self.integration.config))]
 
     @abstractmethod
     def start(self) -> None:
@@ -130,10 +127,9 @@ class PageController(ABC):
         self._front.stop(timeout_s=5.0)
         self.executor.stop()
 
-    def receive(self, client: int, text: str) -> None:
-        """Process a message of a tab; errors are returned as notifications."""
-        text = text[: MAX_MESSAGE_CHARS + 1]  # a longer one is refused, so only its beginning is kept
-        self._put(client, lambda: self._receive(client, text))
+    def receive(self, client: int, message: messages.Message | messages.MessageError) -> None:
+        """Process a message of a tab, or what is wrong with it; errors are returned as notifications."""
+        self._put(client, lambda: self._receive(client, message))
 
     def click_ray(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
         """Process a click in the 3D scene, unless too many wait."""
@@ -154,8 +150,8 @@ class PageController(ABC):
     def pointed_at(self, hover: messages.Hover | messages.HoverRay) -> HoverAnswer | RayAnswer:
         """Describe what is under the pointer; fast, because it only reads the present picture."""
         if isinstance(hover, messages.HoverRay):
-            return hit_by(self.picture, self._scene_view.visible_points(), hover)
-        return described(self.picture, self._integration, hover)
+            return hit_by(self.picture, self.scene.visible_points(), hover)
+        return described(self.picture, self.integration, hover)
 
     def grasps(
         self,
@@ -179,7 +175,7 @@ class PageController(ABC):
         if picture is None:
             raise FlatclothError("Nothing is flattened yet, so there are no grasp points to export.")
         frames = GraspFrames(
-            axis=self._integration.axis,
+            axis=self.integration.axis,
             rotation_deg=picture.angle_deg if rotation_deg is None else rotation_deg,
             grips=self._picks.grips,
             base_from_camera=base_from_camera,
@@ -216,7 +212,7 @@ class PageController(ABC):
 
         def add() -> int:
             pick = self._picks.add_near(self.picture, place, name, revision)
-            self._tell(None, "info", f"A program picked {pick.name}.")
+            self.tell(None, "info", f"A program picked {pick.name}.")
             return pick.id
 
         return self.answered(add)
@@ -242,64 +238,68 @@ class PageController(ABC):
         try:
             job()
         except IllegalDecisionError as error:
-            self._tell(client, "warning", str(error))
+            self.tell(client, "warning", str(error))
         except FlatclothError as error:
             _log.warning("%s", error)
-            self._tell(client, "error", str(error))
+            self.tell(client, "error", str(error))
         except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("a command failed")
-            self._tell(client, "error", f"Unexpected error: {error!r:.300}. See the terminal.")
-        take_notices = getattr(self._folder, "take_notices", tuple)
+            self.tell(client, "error", f"Unexpected error: {error!r:.300}. See the terminal.")
+        take_notices = getattr(self.folder, "take_notices", tuple)
         for text in take_notices():
-            self._tell(None, "warning", text)
+            self.tell(None, "warning", text)
 
     def _recover(self, error: BaseException) -> None:
         """Report that the session's thread failed, and restart the session from its journal."""
         note = self._note("error", f"The session had to restart ({error!r:.300}); all decisions are kept.")
-        self._sink.tell(None, note)
+        self.tabs.tell(None, note)
         self._restart()
+
+    def draw_again(self) -> None:  # noqa: B027 - frames of a camera are drawn again anyway
+        """Draw the shown document again: it is shown otherwise by what is known now."""
 
     def _restart(self) -> None:  # noqa: B027 - modes without decisions need no restart
         """Show the session again from its journal."""
 
-    def _receive(self, client: int, text: str) -> None:
-        message = messages.parse(text)
+    def _receive(self, client: int, message: messages.Message | messages.MessageError) -> None:
         match message:
+            case messages.MessageError():
+                raise message
             case messages.ShowPick(id=pick_id):
                 self._picks.show(pick_id)
                 self._turn_to_pick()
-                self._publish()
+                self.publish()
             case messages.RenamePick(id=pick_id, name=name):
                 self._picks.rename(pick_id, name.strip())
-                self._publish()
+                self.publish()
             case messages.DeletePick(id=pick_id):
                 self._picks.delete(pick_id)
-                self._publish()
+                self.publish()
             case messages.SetGrip():
                 self._picks.grip(self.picture, message)
-                self._publish()
-            case messages.Set():
-                self._set(message)
+                self.publish()
+            case messages.Set(values=values, reset=reset):
+                self.settings.change(values, reset=reset)
+                self.scene.arrange(self.settings.now)
+                self.publish()
             case messages.TurnTo(view_index=view):
                 self._turn_to(view)
             case messages.Look(layer=layer, map=name, low=low, high=high):
-                self._scene_view.color_by(layer, Appearance(name, low, high))
-            case messages.Hover() | messages.HoverRay():
-                self._sink.tell(client, self.pointed_at(message))
+                self.scene.color_by(layer, Appearance(name, low, high))
             case messages.Measure():
-                self._sink.tell(client, self._measured(message))
+                self.tabs.tell(client, self._measured(message))
             case _:
                 self._take(client, message)
 
     def _pick_at(self, u_m: float, v_m: float, name: str = "", side: SheetSide = "this") -> None:
         self._picks.add(self.picture, u_m, v_m, name=name, side=side)
         self._turn_to_pick()
-        self._publish()
+        self.publish()
 
     def _highlight(self, pick: Pick, uv_m: UV) -> None:
         """Let the tabs mark a new pick immediately, before its numbers and the scene are updated."""
         x, y, z = map(float, pick.position_held_m)
-        self._sink.tell(None, Picked(id=pick.id, position_held_m=(x, y, z), side=pick.side, uv_m=uv_m))
+        self.tabs.tell(None, Picked(id=pick.id, position_held_m=(x, y, z), side=pick.side, uv_m=uv_m))
 
     def _show_in_scene(self) -> None:
         """Show the picture in 3D, unless another follows until the scene has time for it."""
@@ -307,22 +307,22 @@ class PageController(ABC):
 
         def show() -> None:
             if picture is self.picture:
-                self._scene_view.show(picture)
+                self.scene.show(picture)
 
         self.executor.put("scene", show)
 
     def _turn_to(self, view_index: int) -> None:
-        angles_deg = self._integration.recording.angles_deg
+        angles_deg = self.integration.recording.angles_deg
         if not 0 <= view_index < len(angles_deg):
             raise FlatclothError(f"The recording has no view {view_index}.")
-        self._scene_view.look_from(angles_deg[view_index])
+        self.scene.look_from(angles_deg[view_index])
 
     def _turn_to_pick(self) -> None:
         """Turn the camera to a view that saw the current pick, if the pick faces away from it now."""
         current, picture = self._picks.current, self.picture
-        if current is None or picture is None or not self._page_settings.now.turn_to_pick:
+        if current is None or picture is None or not self.settings.now.turn_to_pick:
             return
-        if faces_away(current.pick, self._integration.axis, picture.angle_deg):
+        if faces_away(current.pick, self.integration.axis, picture.angle_deg):
             self._turn_to(current.pick.view_index)
 
     def _measured(self, asked: messages.Measure) -> Measured:
@@ -342,49 +342,43 @@ class PageController(ABC):
     def _take(self, client: int, message: messages.Message) -> None:
         """Process a message that depends on the mode."""
 
-    @abstractmethod
-    def _page_state(self) -> PageState:
-        """Return the state for the tabs."""
-
-    def _state_of(self, picture: Picture | None, **mode: Any) -> PageState:
-        """Return the state of the page with a picture; ``mode`` are the fields that depend on the mode."""
-        integration, status = self._integration, self._page_status
-        recording = integration.recording
-        return PageState(
-            revision=self._revision,
-            method=integration.method,
-            recording=RecordingInfo(
+    def _fields(self) -> dict[str, Any]:
+        """Return the fields of the state for the tabs; each mode adds its own."""
+        integration, recording, picture = self.integration, self.integration.recording, self.picture
+        return {
+            "revision": self._revision,
+            "method": integration.method,
+            "recording": RecordingInfo(
                 name=recording.name, description=recording.description, n_views=len(recording)
             ),
-            notes=tuple(integration.notes),
-            auto=status.auto,
-            layers=None if picture is None else layers_of_shape(picture),
-            pick=self._picks.current_info(picture),
-            picks=self._picks.listed(picture),
-            log=status.log,
-            settings=self._page_settings.now,
-            settings_rows=self._page_settings.rows,
-            reject_reasons=REJECT_REASONS,
-            **mode,
-        )
+            "notes": tuple(integration.notes),
+            "auto": self._auto,
+            "layers": None if picture is None else layers_of_shape(picture),
+            "pick": self._picks.current_info(picture),
+            "picks": self._picks.listed(picture),
+            "log": self._log,
+            "settings": self.settings.now,
+            "settings_rows": self.settings.rows,
+            "reject_reasons": REJECT_REASONS,
+        }
 
-    def _publish(self) -> None:
+    def publish(self) -> None:
+        """Send the present state to every tab; on the page's own thread."""
         self._revision += 1
-        self.last_state = self._page_state()
-        self._sink.show(self.last_state)
+        self.last_state = PageState(**self._fields())
+        self.tabs.show(self.last_state)
 
-    def _tell(self, client: int | None, level: NoteLevel, text: str) -> None:
+    def tell(self, client: int | None, level: NoteLevel, text: str) -> None:
+        """Notify a tab, or (None) all, with the state, whose log keeps it; on the page's own thread."""
         note = self._note(level, text)
         if client is None:
-            self._page_status = replace(
-                self._page_status, log=(*self._page_status.log, note)[-MESSAGES_KEPT:]
-            )
+            self._log = (*self._log, note)[-MESSAGES_KEPT:]
             try:
-                self._publish()
+                self.publish()
                 return
             except Exception:  # noqa: BLE001 - logged only, as a message would publish the state again
                 _log.exception("the state of the page cannot be published")
-        self._sink.tell(client, note)
+        self.tabs.tell(client, note)
 
     def _note(self, level: NoteLevel, text: str) -> Note:
         return Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
@@ -392,10 +386,5 @@ class PageController(ABC):
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         # A click on the background changes nothing.
         # The camera does not turn: the clicked point is visible already.
-        if self._picks.add_on_ray(self.picture, self._scene_view.visible_points(), origin_m, direction):
-            self._publish()
-
-    def _set(self, message: messages.Set) -> None:
-        self._page_settings.change(message.values, reset=message.reset)
-        self._scene_view.arrange(self._page_settings.now)
-        self._publish()
+        if self._picks.add_on_ray(self.picture, self.scene.visible_points(), origin_m, direction):
+            self.publish()

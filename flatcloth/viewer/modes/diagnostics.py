@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
+from flatcloth.core.cache import Cache
 from flatcloth.engine.diagnostics import Reasons, reasons
-from flatcloth.engine.integration import Integration
 from flatcloth.methods.answers import ZAngleLine
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.viewer import http
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.answers import DiagnosticsInfo, ShownPairs
 from flatcloth.viewer.protocol.picture import Picture
 
@@ -27,46 +26,25 @@ PAIR_LIMIT_MM = 1000.0 * TWICE_M
 _GONE = "This proposal is no longer shown; a newer state follows."
 
 
-class DiagnosticsService:
-    """Answers with curves, lines and pairs of cloth; the last answer is cached.
+def diagnostics_routes(page: PageController) -> list[BaseRoute]:
+    """Return the route that answers with curves, lines and pairs of cloth; the last answer is kept."""
+    kept: Cache[Reasons] = Cache(1)
 
-    Parameters
-    ----------
-    integration : Integration
-        The session's; only read.
-    picture : callable
-        Returns the present picture; called from any thread.
-    """
-
-    def __init__(self, integration: Integration, picture: Callable[[], Picture | None]) -> None:
-        self._integration, self._picture = integration, picture
-        self._lock = threading.Lock()
-        self._last: tuple[tuple[int, int], Reasons] | None = None
-
-    def routes(self) -> list[BaseRoute]:
-        """Return the routes of this service."""
-        return [
-            http.get("/diagnostics/{revision:int}-{overlay:int}.json", self._info, gone=_GONE),
-        ]
-
-    def _of(self, picture: Picture) -> Reasons:
-        assert picture.overlay is not None
-        assert picture.document is not None
-        key = picture.revision, picture.overlay.revision
-        with self._lock:
-            if self._last is None or self._last[0] != key:
-                self._last = key, reasons(self._integration, picture.document)
-            return self._last[1]
-
-    def _info(self, request: Request) -> DiagnosticsInfo | None:
+    def info(request: Request) -> DiagnosticsInfo | None:
         key = request.path_params["revision"], request.path_params["overlay"]
-        picture = self._picture()
+        picture = page.picture
         if picture is None or picture.overlay is None or (picture.revision, picture.overlay.revision) != key:
             return None
-        found, config = self._of(picture), self._integration.planning
+        document, config = picture.document, page.integration.planning
+        assert document is not None
         return diagnostics_info(
-            found, picture, limit_deg=config.z_angle_limit_deg, overlap_cm2=1e4 * config.overlap_area_m2
+            kept.get(key, lambda: reasons(page.integration, document)),
+            picture,
+            limit_deg=config.z_angle_limit_deg,
+            overlap_cm2=1e4 * config.overlap_area_m2,
         )
+
+    return [http.get("/diagnostics/{revision:int}-{overlay:int}.json", info, gone=_GONE)]
 
 
 def diagnostics_info(

@@ -23,7 +23,6 @@ from flatcloth.methods.answers import Alignment, ColumnCurves, SidePlan, ZAngleL
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.pictures import grid_of
-from flatcloth.segmentation.result import Segmentation
 from flatcloth.validation.markers import KitTruth
 from flatcloth.viewer.protocol.picture import OtherSheet
 
@@ -289,7 +288,11 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
     for piece in found.cut_off:
         if piece.view_index == frame.view_index:
             cut[piece.kind] = cut.get(piece.kind, 0.0) + CM2 * piece.area_m2
-    graph = observed.graph
+    labels = found.view(frame.view_index)
+    assert labels is not None
+    parcel.array("first_side", labels.side, "int8")
+    parcel.array("first_percent", np.rint(100 * labels.certainty), "uint8")
+    graph, (rows, cols) = observed.graph, labels.side.shape
     parcel.values = {
         "view_index": frame.view_index,
         "item_px": int(item.sum()),
@@ -302,7 +305,7 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
         "certainty": found.mean_certainty,
         "found_cm2": CM2 * found.area_of_interest_m2,
         "undecided_cm2": CM2 * found.area_undecided_m2,
-        "first": _labels(parcel, "first", found, frame.view_index),
+        "first": {"rows": rows, "cols": cols, "offset_rc": list(labels.offset_rc)},
     }
     return parcel
 
@@ -393,15 +396,6 @@ def seams_parcel(other: OtherSheet | None) -> Parcel:
         ],
     }
     return parcel
-
-
-def _labels(parcel: Parcel, name: str, found: Segmentation, view_index: int) -> dict[str, Any]:
-    labels = found.view(view_index)
-    assert labels is not None
-    parcel.array(f"{name}_side", labels.side, "int8")
-    parcel.array(f"{name}_percent", np.rint(100 * labels.certainty), "uint8")
-    rows, cols = labels.side.shape
-    return {"rows": rows, "cols": cols, "offset_rc": list(labels.offset_rc)}
 
 
 def _faded(color: Uint8, item: Bool) -> Uint8:

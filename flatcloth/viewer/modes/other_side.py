@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from msgspec import structs
@@ -22,57 +22,40 @@ from flatcloth.rendering import layers
 from flatcloth.session.garment import DecideSeam
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
-from flatcloth.viewer.protocol.garment import SeamInfo, SeamPlaces, SidePlaces
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, outline_of, truth_of
 from flatcloth.viewer.protocol.sent import Legend, Progress, typed
 from flatcloth.viewer.protocol.snapshot import layers_of_other
-from flatcloth.viewer.protocol.state import OtherSideInfo
-from flatcloth.viewer.worker import Executor, one_at_a_time
+from flatcloth.viewer.protocol.state import OtherSideInfo, SeamInfo, SeamPlaces, SidePlaces
+from flatcloth.viewer.worker import one_at_a_time
 
 NOT_ASKED = "The other side is not computed yet."
 _TELL_S = 0.4
 """Interval between messages of progress. Chosen: each is a whole state of the page."""
 
 
-@dataclass(frozen=True)
-class OtherSideStatus:
-    """The state of the computation; ``text`` says why nothing is ``made``."""
-
-    working: bool = False
-    progress: Progress | None = None
-    text: str = NOT_ASKED
-    made: OtherSheet | None = None
-
-
 class OtherSideController:
-    """Computes the other side of the shape that the page shows; its methods are for the application thread.
+    """Computes the other side of the shape that a page shows; its methods are for the page's own thread.
 
     Parameters
     ----------
+    page : PageController
+        The page.
     both : BothSides
         Integrates and joins the other side.
-    executor : Executor
-        Does the work.
-    made : callable
-        Called on the application thread when another side is known, or none.
-    changed : callable
-        Called on the application thread when the status has changed.
+    on_made : callable
+        Called when another side is ``made``, or none.
     """
 
-    def __init__(
-        self,
-        both: BothSides,
-        executor: Executor,
-        made: Callable[[], None],
-        changed: Callable[[], None],
-    ) -> None:
-        self.both = both
-        self._executor, self._made, self._changed = executor, made, changed
+    def __init__(self, page: PageController, both: BothSides, on_made: Callable[[], None]) -> None:
+        self._page, self.both, self._on_made = page, both, on_made
         self._asked: tuple[Hashable, ...] | None = None
         self._revision = 0
         self._told_at_s = 0.0
+        self._is_working, self._text = False, NOT_ASKED  # why nothing is made
+        self._progress: Progress | None = None
         self.is_wanted = False
-        self.status = OtherSideStatus()
+        self.made: OtherSheet | None = None
 
     @property
     def available(self) -> bool:
@@ -90,27 +73,28 @@ class OtherSideController:
         """
         document, sheet = (None, None) if picture is None else (picture.document, picture.sheet)
         if document is None or sheet is None:
+            if self.made is not None or self._is_working:
+                self.made, self._is_working, self._text = None, False, NOT_ASKED
             self._asked = None
-            if self.status.made is not None or self.status.working:
-                self.status = OtherSideStatus()
             return
         if not self.available or not (self.is_wanted or document.garment.seams):
             return
         key = self._key(document)
         if busy or key == self._asked:
             return
-        self._asked = key
-        self.status = replace(self.status, working=True, progress=None, text="")
-        self._executor.compute(
+        self._asked, self._progress = key, None
+        self._is_working, self._text = True, ""
+        self._page.executor.compute(
             "other side",
             lambda: self._work(key, document, sheet),
-            lambda made: self._take(key, made),
+            self._take,
             "computing the other side",
+            lambda: self._asked is key,
         )
 
     def laid(self, document: Document) -> tuple[LaidPiece, ...]:
         """Return the floating pieces of a document's shape that seams join to it; from any thread."""
-        made = self.status.made
+        made = self.made
         return () if made is None or made.key != self._key(document) else made.sides.laid
 
     def _key(self, document: Document) -> tuple[Hashable, ...]:
@@ -122,7 +106,7 @@ class OtherSideController:
 
     def _work(self, key: tuple[Hashable, ...], document: Document, sheet: Sheet) -> OtherSheet | str:
         def check() -> None:
-            if self._asked != key:
+            if self._asked is not key:
                 raise CancelledError  # the shape has changed since, or another recording was opened
 
         def report(share: float, text: str) -> None:
@@ -130,7 +114,7 @@ class OtherSideController:
             now_s = time.monotonic()
             if now_s - self._told_at_s >= _TELL_S:
                 self._told_at_s = now_s
-                self._executor.on_page(lambda: self._progressed(Progress(share=share, text=text)))
+                self._page.executor.on_page(lambda: self._progressed(Progress(share=share, text=text)))
 
         with one_at_a_time(check):
             sides = self.both.of(document, report, check=check)
@@ -153,18 +137,14 @@ class OtherSideController:
         )
 
     def _progressed(self, progress: Progress) -> None:
-        if self.status.working:
-            self.status = replace(self.status, progress=progress)
-            self._changed()
+        if self._is_working:
+            self._progress = progress
+            self._page.publish()
 
-    def _take(self, key: tuple[Hashable, ...], made: OtherSheet | str) -> None:
-        if self._asked != key:
-            return
-        if isinstance(made, str):
-            self.status = OtherSideStatus(text=made)
-        else:
-            self.status = OtherSideStatus(text="", made=made)
-        self._made()
+    def _take(self, made: OtherSheet | str) -> None:
+        self._is_working, self._progress = False, None
+        self.made, self._text = (None, made) if isinstance(made, str) else (made, "")
+        self._on_made()
 
     # --- decisions ------------------------------------------------------------------------------
 
@@ -176,8 +156,8 @@ class OtherSideController:
         FlatclothError
             If the list has changed.
         """
-        made = self.status.made
-        if self.status.working or made is None or revision != made.revision:
+        made = self.made
+        if self._is_working or made is None or revision != made.revision:
             raise FlatclothError("The seams are being found again; look again.")
         if not 0 <= index < len(made.sides.seams):
             raise FlatclothError(f"There is no seam {index}; look again.")
@@ -189,12 +169,12 @@ class OtherSideController:
         """Return the other side for the page; None if the method has one side only."""
         if not self.available:
             return None
-        status, made = self.status, self.status.made
+        made = self.made
         info = OtherSideInfo(
             revision=0 if made is None else made.revision,
-            working=status.working,
-            progress=status.progress,
-            text=status.text,
+            working=self._is_working,
+            progress=self._progress,
+            text=self._text,
         )
         if made is None:
             return info
@@ -213,7 +193,7 @@ class OtherSideController:
         return [http.get("/other/{revision:int}/places.json", self._places)]
 
     def _places(self, request: Request) -> SidePlaces | None:
-        made = self.status.made
+        made = self.made
         is_known = made is not None and made.revision == request.path_params["revision"]
         return places_of(made) if is_known and made is not None else None
 

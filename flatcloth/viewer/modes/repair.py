@@ -7,7 +7,6 @@ on a separate thread, so that nothing else waits for it.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -15,13 +14,13 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import PairFit, RefinedScore, fit_pairs
 from flatcloth.session.machine import Document, Nudge, Pending
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer, ServerMessage
+from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer
 from flatcloth.viewer.protocol.picture import Overlay
-from flatcloth.viewer.worker import Executor, attempt
+from flatcloth.viewer.worker import attempt
 
 _STILL_MM = 0.05
 """Smaller motions are reported as none. Chosen: half of the last digit shown."""
@@ -30,24 +29,11 @@ _STILL_DEG = 0.005
 
 
 class RepairService:
-    """Computes scores and refinements; its methods may be called from any thread and return immediately.
+    """Computes scores and refinements; its methods are for the page's own thread and return immediately."""
 
-    Parameters
-    ----------
-    integration : Integration
-        Computes the results.
-    executor : Executor
-        Does the work.
-    tell : callable
-        ``tell(client, message)`` sends a message to a tab.
-    """
-
-    def __init__(
-        self, integration: Integration, executor: Executor, tell: Callable[[int, ServerMessage], None]
-    ) -> None:
-        self._integration, self._executor, self._tell = integration, executor, tell
-        self._wanted: dict[int, tuple[int, Document]] = {}
-        self._lock = threading.Lock()
+    def __init__(self, page: PageController) -> None:
+        self._page = page
+        self._newest: dict[int, int] = {}  # the last request of each tab
 
     def preview(self, client: int, asked: messages.Preview, document: Document, by: Rigid2) -> None:
         """Send a tab the score of the proposal moved ``by``; replaces its previous request.
@@ -57,34 +43,33 @@ class RepairService:
         try:
             pending = meant(document, asked.view_index)
         except FlatclothError as error:
-            self._tell(client, PreviewAnswer(id=asked.id, why=str(error)))
+            self._page.tabs.tell(client, PreviewAnswer(id=asked.id, why=str(error)))
             return
         moved = replace(document, pending=replace(pending, nudge=by @ pending.nudge))
-        with self._lock:
-            waiting = client in self._wanted
-            self._wanted[client] = (asked.id, moved)
-        if not waiting:
-            self._executor.put("repair", lambda: self._answer(client))
+        self._newest[client] = asked.id
+
+        def answer() -> None:
+            if self._newest[client] != asked.id:
+                return
+            found = attempt(lambda: self._page.integration.refined_score(moved), "scoring the placement")
+            if isinstance(found, str):
+                told = PreviewAnswer(id=asked.id, why=found)
+            else:
+                told = PreviewAnswer(
+                    id=asked.id,
+                    score=found.score.total,
+                    apart_mm=found.score.apart_mm,
+                    refined_score=found.refined_score.total,
+                    refined_apart_mm=found.refined_score.apart_mm,
+                )
+            self._page.tabs.tell(client, told)
+
+        self._page.executor.put("repair", answer)
 
     def refine(self, document: Document, take: Callable[[RefinedScore | str], None]) -> None:
         """Refine the proposal from its present placement; ``take`` gets the result, or why there is none."""
-        self._executor.compute("repair", lambda: self._integration.refined_score(document), take, "refining")
-
-    def _answer(self, client: int) -> None:
-        with self._lock:
-            number, document = self._wanted.pop(client)
-        found = attempt(lambda: self._integration.refined_score(document), "scoring the placement")
-        if isinstance(found, str):
-            self._tell(client, PreviewAnswer(id=number, why=found))
-        else:
-            answer = PreviewAnswer(
-                id=number,
-                score=found.score.total,
-                apart_mm=found.score.apart_mm,
-                refined_score=found.refined_score.total,
-                refined_apart_mm=found.refined_score.apart_mm,
-            )
-            self._tell(client, answer)
+        refine = self._page.integration.refined_score
+        self._page.executor.compute("repair", lambda: refine(document), take, "refining")
 
 
 def meant(document: Document, view_index: int) -> Pending:

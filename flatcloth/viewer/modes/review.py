@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import logging
 import secrets
-import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from msgspec import structs
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
-from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.result import Areas, Result, expected_next_m2, result_of
 from flatcloth.export.history import read_history
 from flatcloth.export.review import FLAGS, SUSPECT, Flags, overridden
@@ -24,10 +21,10 @@ from flatcloth.rendering.thumbnails import jpeg_thumbnail, picture_thumbnail
 from flatcloth.session.machine import Accepted, Document
 from flatcloth.session.summary import keep_summary
 from flatcloth.viewer import http
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.answers import ResultInfo
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.state import ReviewInfo, ViewRow
-from flatcloth.viewer.worker import Executor
+from flatcloth.viewer.protocol.state import ReviewInfo
 
 _log = logging.getLogger(__name__)
 
@@ -36,39 +33,13 @@ THUMBS_KEPT = 160
 
 
 class ReviewService:
-    """Adds data of each decided view to the state of the page, and serves the result.
+    """Adds data of each decided view to the state of a page, and serves the result."""
 
-    Parameters
-    ----------
-    integration : Integration
-        The session's; only read.
-    folder : object
-        Its folder; a session in memory has no journal, and thus no flag of an overridden check.
-    garments : GarmentService
-        Knows the garment that was recognised last.
-    picture : callable
-        Returns the present picture; called from any thread.
-    executor : Executor
-        Does the work.
-    changed : callable
-        Called on the page's own thread when new data are known.
-    """
-
-    def __init__(
-        self,
-        integration: Integration,
-        folder: object,
-        garments: GarmentService,
-        picture: Callable[[], Picture | None],
-        executor: Executor,
-        changed: Callable[[], None],
-    ) -> None:
-        self._integration, self._folder, self._garments = integration, folder, garments
-        self._picture, self._executor, self._changed = picture, executor, changed
+    def __init__(self, page: PageController) -> None:
+        self._page, integration = page, page.integration
         self._areas = Areas(integration)
         self._flags = Flags(integration.accept_score)
         self._read: tuple[Accepted, ...] | None = None
-        self._lock = threading.Lock()
         self._document: Document | None = None
         self._working = self._news = False
         self._results: Cache[Result] = Cache(4)
@@ -90,90 +61,86 @@ class ReviewService:
             return
         if picture.sheet is not None:
             self._areas.note(document, picture.sheet.canonical)
-            self._executor.put("review", self.keep_summary)
-        with self._lock:
-            self._document = document
-            known = not self._areas.missing(document) and self._read == document.accepted
-            begins = not self._working and not known
-            self._working = self._working or begins
-        if begins:
-            self._executor.put("review", self._work)
+            self._page.executor.put("review", self.keep_summary)
+        self._document = document
+        if not self._working:
+            self._go_on()
 
     def keep_summary(self) -> None:
         """Keep how far the session is, for lists of sessions."""
-        picture = self._picture()
+        picture = self._page.picture
         if picture is not None and picture.sheet is not None and picture.document is not None:
-            sheet, folder, known = picture.sheet, getattr(self._folder, "folder", None), self._garments.last
+            sheet, folder, known = picture.sheet, self._page.place, self._page.garments.last
             keep_summary(
                 folder, picture.document, sheet.shape_m2, sheet.floating_m2, known.kind if known else ""
             )
 
     def foresee(self, document: Document, done: Callable[[Document, float | None], None]) -> None:
         """Look up what the next view is expected to add (m2); ``done`` is called on another thread."""
-        self._executor.put("work", lambda: done(document, expected_next_m2(self._areas, document)))
+        self._page.executor.put("work", lambda: done(document, expected_next_m2(self._areas, document)))
 
-    def of_views(
-        self, views: tuple[ViewRow, ...], document: Document
-    ) -> tuple[tuple[ViewRow, ...], ReviewInfo]:
-        """Return the views of the page with order, area added and flags of each, and the texts of flags."""
+    def of_views(self, document: Document) -> dict[int, dict[str, Any]]:
+        """Return order, area added and flags of the decided views, as fields of their rows."""
         orders = {a.view_index: n for n, a in enumerate(document.accepted, start=1)}
         if document.start_view is not None:
             orders[document.start_view] = 0
         accepted = {a.view_index: a for a in (*document.accepted, *(w.decision for w in document.later))}
         added = self._areas.added_m2(document)
-        rows = []
-        for view in views:
-            order, decision = orders.get(view.index), accepted.get(view.index)
+        rows = {}
+        for view in {*orders, *accepted}:
+            order, decision = orders.get(view), accepted.get(view)
             area = None if order is None else added[order]
-            flags = () if decision is None else self._flags.of(decision)
-            rows.append(
-                structs.replace(
-                    view,
-                    flagged=not SUSPECT.isdisjoint(flags),
-                    order=order,
-                    added_cm2=None if area is None else 1e4 * area,
-                    flags=tuple(flags),
-                )
-            )
-        axis = self._integration.axis
+            flags = () if decision is None else tuple(self._flags.of(decision))
+            rows[view] = {
+                "flagged": not SUSPECT.isdisjoint(flags),
+                "order": order,
+                "added_cm2": None if area is None else 1e4 * area,
+                "flags": flags,
+            }
+        return rows
+
+    def info(self, document: Document) -> ReviewInfo:
+        """Return what the page needs for the pictures and the flags of views."""
+        axis = self._page.integration.axis
         place = hash((axis.point_m.tobytes(), axis.direction.tobytes(), document.strokes)) & 0xFFFFFFFF
-        return tuple(rows), ReviewInfo(token=f"{self._token}{place:x}", flags=FLAGS)
+        return ReviewInfo(token=f"{self._token}{place:x}", flags=FLAGS)
 
-    # --- the worker --------------------------------------------------------------------------
-
-    def _work(self) -> None:
+    def _go_on(self, *, failed: bool = False) -> None:
+        """Compute the next missing item, or show what is new if there is none; on the page's own thread."""
         document = self._document
-        try:
-            if document is not None and self._step(document):
-                self._executor.put("review", self._work)
-                return
-        except FlatclothError as error:
-            _log.warning("the review is incomplete: %s", error)
-        with self._lock:
-            self._working = False
-            news, self._news = self._news, False
-        if news:
-            self._executor.on_page(self._changed)
+        assert document is not None
+        missing = self._areas.missing(document)
+        self._working = not failed and (bool(missing) or self._read != document.accepted)
+        if self._working:
+            self._page.executor.compute(
+                "review", lambda: self._step(document, missing), self._take, "reviewing the views"
+            )
+        elif self._news:
+            self._news = False
+            self._page.publish()
 
-    def _step(self, document: Document) -> bool:
-        """Compute the next missing item; False if there is none."""
+    def _take(self, is_new: bool | str) -> None:
+        if isinstance(is_new, str):
+            _log.warning("the review is incomplete: %s", is_new)
+        self._news = self._news or is_new is True
+        self._go_on(failed=isinstance(is_new, str))
+
+    def _step(self, document: Document, missing: Sequence[int]) -> bool:
+        """Compute the next missing item; return whether that is news for the page."""
+        before = self._flags
         if self._read != document.accepted:
             self._read = document.accepted
-            path = getattr(self._folder, "folder", None)
-            if path is not None:
-                limit = self._integration.accept_score
-                before, self._flags = self._flags, Flags(limit, overridden(read_history(path), limit))
-                self._news = self._news or before != self._flags
-        missing = self._areas.missing(document)
+            if self._page.place is not None:
+                limit = self._page.integration.accept_score
+                self._flags = Flags(limit, overridden(read_history(self._page.place), limit))
         if missing:
             self._areas.compute(document, missing[0])
-            self._news = True
-        return len(missing) > 1
+        return bool(missing) or before != self._flags
 
     # --- from the web server's threads -------------------------------------------------------
 
     def _color(self, request: Request) -> bytes:
-        integration = self._integration
+        integration = self._page.integration
 
         def make(view: int) -> bytes:
             frame = integration.views.frame(view)
@@ -185,7 +152,7 @@ class ReviewService:
     def _flat(self, request: Request) -> bytes:
         def make(view: int) -> bytes:
             try:
-                flattened = self._integration.views.part(view, 0)
+                flattened = self._page.integration.views.part(view, 0)
             except FlatclothError:
                 return layers.png(picture_thumbnail(None))
             return layers.png(picture_thumbnail(flattened))
@@ -194,13 +161,13 @@ class ReviewService:
 
     def _thumb(self, request: Request, kind: str, make: Callable[[int], bytes]) -> bytes:
         view = request.path_params["view"]
-        if view >= len(self._integration.recording):
+        if view >= len(self._page.integration.recording):
             raise http.RefusedError(f"View {view} does not exist.", 404)
         key = kind, view, request.query_params.get("v", "")[:40]
         return self._thumbs.get(key, lambda: make(view))
 
     def _result(self) -> ResultInfo:
-        picture = self._picture()
+        picture = self._page.picture
         document = None if picture is None else picture.document
         if picture is None or document is None:
             return ResultInfo(revision=0)

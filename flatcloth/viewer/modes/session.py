@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 from msgspec import structs
 from starlette.routing import BaseRoute
 
-from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
@@ -39,22 +39,22 @@ from flatcloth.session.machine import (
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import auto
 from flatcloth.viewer.hub import Hub
-from flatcloth.viewer.joints import JointService
 from flatcloth.viewer.modes import repair, session_work
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.modes.diagnostics import DiagnosticsService
+from flatcloth.viewer.modes.diagnostics import diagnostics_routes
 from flatcloth.viewer.modes.garment import GarmentController
+from flatcloth.viewer.modes.joints import JointService
 from flatcloth.viewer.modes.other_side import OtherSideController
 from flatcloth.viewer.modes.review import ReviewService
 from flatcloth.viewer.modes.session_work import Answer, SessionWork
 from flatcloth.viewer.modes.sides import SideController
-from flatcloth.viewer.protocol import garment, messages
+from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NO_CAMERA
 from flatcloth.viewer.protocol.allowed import command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
 from flatcloth.viewer.protocol.snapshot import of_session
-from flatcloth.viewer.protocol.state import AutoInfo, PageState
+from flatcloth.viewer.protocol.state import AutoInfo
 from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -72,37 +72,28 @@ class Application(PageController):
         Does the heavy work; called from the worker thread, apart from its cheap attributes.
     folder : SessionFolder
         Contains the initial state, and stores every decision and pick.
-    scene_view, sink
+    scene, tabs
         Where things are shown.
     """
 
-    def __init__(self, integration: Integration, folder: SessionFolder, scene_view: Scene, sink: Hub) -> None:
-        super().__init__(integration, folder, scene_view, sink)
+    def __init__(self, integration: Integration, folder: SessionFolder, scene: Scene, tabs: Hub) -> None:
+        super().__init__(integration, folder, scene, tabs)
+        self._trouble = ""  # why the shape of the present document cannot be drawn
         self._going_on = False
         self._expected: tuple[Document, float | None] | None = None
         self._joins: tuple[Document, bool] | None = None
-        self._placing = session_work.Placing(ghosts=read_ghosts(getattr(folder, "folder", None)))
-        executor = self.executor
-        self.other = OtherSideController(self._both, executor, self._other_made, self._publish)
-        tell = partial(sink.tell, None)
-        self._work = SessionWork(integration, executor, self._answered, self._drawn, tell, self.other.laid)
-        self._repair = repair.RepairService(integration, executor, sink.tell)
-        self._diagnostics = DiagnosticsService(integration, lambda: self.picture)
-        self._review = ReviewService(
-            integration, folder, self.garments, lambda: self.picture, executor, self._publish
-        )
-        self._sides = SideController(
-            integration, executor, lambda text: self._tell(None, "info", text) if text else self._publish()
-        )
-        self._joints = JointService(integration, self.garments, lambda: self.picture)
-        note = partial(self._tell, None)
-        self._garment = GarmentController(
-            self.garments, executor, self._publish, sink.tell, self._joints.decision, self._draw_again, note
-        )
+        self._placing = session_work.Placing(ghosts=read_ghosts(self.place))
+        self.other = OtherSideController(self, self._both, self._other_made)
+        self._work = SessionWork(self, self._answered, self._drawn, self.other.laid)
+        self._repair = repair.RepairService(self)
+        self._review = ReviewService(self)
+        self._sides = SideController(self)
+        self._joints = JointService(self)
+        self._garment = GarmentController(self)
 
     @property
     def _state(self) -> SessionState:
-        return self._folder.state
+        return self.folder.state
 
     # --- from any thread ---------------------------------------------------------------------
 
@@ -110,16 +101,16 @@ class Application(PageController):
         """Return the routes of a session."""
         return [
             *super().routes(),
-            *self._diagnostics.routes(),
+            *diagnostics_routes(self),
             *self._review.routes(),
             *self._joints.routes(),
-            *self._sides.routes(lambda: self.picture),
+            *self._sides.routes(),
             *self.other.routes(),
         ]
 
     def both(self) -> BothSides | None:
         """Return the other side of the item if the page shows it."""
-        return None if self.other.status.made is None else self.other.both
+        return None if self.other.made is None else self.other.both
 
     def start(self) -> None:
         """Show the session in its last state, and request the start view if there is none."""
@@ -135,10 +126,10 @@ class Application(PageController):
     # --- the application thread --------------------------------------------------------------
 
     def _begin(self) -> None:
-        self._scene_view.arrange(self._page_settings.now)
+        self.scene.arrange(self.settings.now)
         document = self._state.document
         if self._sides.available and document.start_view is None:
-            self._sides.look_first(lambda xyz, rgb: self._scene_view.see(xyz, rgb, anew=True))
+            self._sides.look_first()
         if self._state.request is None and document.start_view is None:
             self._do(Start())
         elif self._state.phase is Phase.READY and document.later:
@@ -149,7 +140,7 @@ class Application(PageController):
     def _restart(self) -> None:
         self._work.cancel()
         self._work.forget_picture()
-        self._page_status = replace(self._page_status, auto=AutoInfo())
+        self._auto = AutoInfo()
         self._settle()
 
     def _take(self, client: int, message: messages.Message) -> None:
@@ -171,55 +162,64 @@ class Application(PageController):
                 sheet = None if self.picture is None else self.picture.sheet
                 laid = self.other.laid(self._state.document)
                 self._placing = session_work.placing_piece(
-                    self._integration, self._state.document, sheet, message, self.garments.last, laid
+                    self.integration, self._state.document, sheet, message, self.garments.last, laid
                 )
                 for command in self._placing.commands:
                     self._by_hand(command)
-                keep_ghosts(getattr(self._folder, "folder", None), self._placing.ghosts)
+                keep_ghosts(self.place, self._placing.ghosts)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
-                self._fit(client, message)
+                nudge, fit = repair.fitted(self._state.document, self._placed(), message)
+                if nudge is not None:
+                    self._by_hand(nudge)
+                self.tabs.tell(client, fit)
             case messages.BackToBest(view_index=view):
                 pending = repair.meant(self._state.document, view)
                 self._by_hand(session_work.back_to_best(pending, self._overlay))
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
             case messages.SetAxis(apply=apply):
-                axis = session_work.meant_axis(self._integration.axis, message)
+                axis = session_work.meant_axis(self.integration.axis, message)
                 if apply:
                     self._adjust_axis(axis)
                 else:
-                    self._scene_view.draw_axis(axis)
+                    self.scene.draw_axis(axis)
             case messages.StrokeImage() | messages.StrokeShape() | messages.CutShape():
                 self._by_hand(paint(self._sides.decision(message, self.picture)))
             case messages.Brush():
                 self._sides.brush = message if message.side is not None else None
             case messages.WhereToStroke(number=n):
                 strokes = self._state.document.strokes
-                self._sides.where_next(strokes, n, lambda answer: self._sink.tell(client, answer))
-            case decision if isinstance(decision, messages.GarmentDecision):
-                self._garment.take(client, message, self._state.document, self._do)
-            case garment.ShowOther():
+                self._sides.where_next(strokes, n, lambda answer: self.tabs.tell(client, answer))
+            case messages.PreviewPoint():
+                self._garment.preview(client, message, self._state.document)
+            case (
+                messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints() | messages.DecidePiece()
+            ):
+                self._do(self._garment.decision(message))
+            case messages.DecideJoint():
+                self._do(self._joints.decision(message))
+            case messages.ShowOther():
                 self.other.is_wanted = True
                 self._settle()
-            case garment.DecideSeam(revision=revision, index=index, keep=keep):
+            case messages.DecideSeam(revision=revision, index=index, keep=keep):
                 self._do(self.other.decision(revision, index, keep=keep))
-            case garment.PickPoint(name=name):
-                u, v, side = self._garment.seen_point(name, self.other.status.made)
+            case messages.PickPoint(name=name):
+                u, v, side = self._garment.seen_point(name, self.other.made)
                 self._pick_at(u, v, name, side)
             case messages.GoTo():
                 for command in session_work.way_to(self._state, message):
                     self._by_hand(command)
             case messages.SetAuto(running=running):
-                self._page_status = replace(self._page_status, auto=AutoInfo(running=running))
+                self._auto = AutoInfo(running=running)
                 self._settle()
             case _:
                 raise FlatclothError(NO_CAMERA)
 
     def _decide(self, client: int, do: messages.Do) -> None:
-        if do.action == "step" and self._page_status.trouble:
-            raise FlatclothError(self._page_status.trouble)
+        if do.action == "step" and self._trouble:
+            raise FlatclothError(self._trouble)
         given = {
             "view_index": do.view_index,
             "reason": do.reason,
@@ -227,12 +227,12 @@ class Application(PageController):
         }
         before = self._state
         command = command_of(do.action, before, {k: v for k, v in given.items() if v is not None})
-        self._going_on = self._page_settings.now.advance and isinstance(command, Accept | Reject | Skip)
+        self._going_on = self.settings.now.advance and isinstance(command, Accept | Reject | Skip)
         self._by_hand(command)
         if do.action == "undo":
-            self._tell(client, "info", f"Undone: {before.undo[-1].name}.")
+            self.tell(client, "info", f"Undone: {before.undo[-1].name}.")
         elif do.action == "redo":
-            self._tell(client, "info", f"Redone: {before.redo[-1].name}.")
+            self.tell(client, "info", f"Redone: {before.redo[-1].name}.")
 
     @property
     def _overlay(self) -> Overlay | None:
@@ -250,7 +250,7 @@ class Application(PageController):
 
     def _refined(self, client: int, document: Document, found: RefinedScore | str) -> None:
         if isinstance(found, str):
-            return self._tell(client, "error", found)
+            return self.tell(client, "error", found)
         pending = document.pending
         if pending is None or self._state.document is not document:
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
@@ -259,55 +259,50 @@ class Application(PageController):
         by, text = repair.refined_motion(pending, found, pending.current_from_new.apply(np.array(own)))
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
-        self._tell(client, "info", text)
-
-    def _fit(self, client: int, pairs: messages.Pairs) -> None:
-        nudge, answer = repair.fitted(self._state.document, self._placed(), pairs)
-        if nudge is not None:
-            self._by_hand(nudge)
-        self._sink.tell(client, answer)
+        self.tell(client, "info", text)
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:
             return super()._pick_on_ray(origin_m, direction)
-        dab = self._sides.dab(self.picture, self._scene_view.visible_points(), origin_m, direction)
+        dab = self._sides.dab(self.picture, self.scene.visible_points(), origin_m, direction)
         if dab is not None:
             self._by_hand(paint(dab))
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
-        session_work.keep_axis(axis, self._folder)
-        self._page_status = replace(self._page_status, auto=AutoInfo())
+        session_work.keep_axis(axis, self.folder)
+        self._auto = AutoInfo()
 
         # Later jobs of the lane use the new axis.
         self.executor.compute(
             "work",
-            lambda: session_work.turned_about(self._integration, axis),
+            lambda: session_work.turned_about(self.integration, axis),
             lambda text: self._turned_about(axis, text),
             "turning the axis",
         )
 
     def _turned_about(self, axis: RotationAxis, text: str) -> None:
         self._picks.turn_about(axis)
-        self._scene_view.set_axis(axis)
-        self._draw_again()
-        self._tell(None, "info", text)
+        self.scene.set_axis(axis)
+        self.draw_again()
+        self.tell(None, "info", text)
 
-    def _draw_again(self) -> None:
+    def draw_again(self) -> None:
+        """Draw the shown document again: it is shown otherwise by what is known now."""
         self._work.forget_picture()
         self._settle()
 
     def _by_hand(self, command: Command) -> None:
         # A decision by hand stops Auto, unless Auto waits for it.
-        self._page_status = replace(self._page_status, auto=auto.after(self._page_status.auto, command))
+        self._auto = auto.after(self._auto, command)
         self._do(command)
 
     def _do(self, command: Command | Event) -> None:
         before = self._state
         # A decision takes effect only after it is on disk.
-        self._folder.record(command)
+        self.folder.record(command)
         if self._state is not before:  # otherwise it is the answer to an outdated request
             if self._state.document is not before.document:
-                self._page_status = replace(self._page_status, trouble="")
+                self._trouble = ""
             self._settle()
 
     def _settle(self) -> None:
@@ -318,28 +313,28 @@ class Application(PageController):
         self._work.follow(self._state)
         self._follow_garment()
         # After Auto, both sides are known as after an unattended run.
-        self.other.is_wanted |= self._state.phase is Phase.FINISHED and self._page_status.auto.running
-        self.other.follow(self.picture, busy=self._page_status.auto.is_busy)
+        self.other.is_wanted |= self._state.phase is Phase.FINISHED and self._auto.running
+        self.other.follow(self.picture, busy=self._auto.is_busy)
         if document.start_view is None and self.picture is not None:
             self.picture = None
             self._show_in_scene()
-        self._publish()
-        if self._page_status.auto.running:
+        self.publish()
+        if self._auto.running:
             self._put(None, self._auto_step)
         else:
             self._look_ahead()
 
     def _go_on(self) -> None:
         """Propose the next view after a verdict and its consequences, unless a request is open."""
-        if self._going_on and self._state.phase is Phase.READY and not self._page_status.auto.running:
+        if self._going_on and self._state.phase is Phase.READY and not self._auto.running:
             self._going_on = False
-            self._folder.record(Propose())
+            self.folder.record(Propose())
 
     def _look_ahead(self) -> None:
         """Compute what follows if the proposal is accepted, while the operator looks at it."""
         pending, picture = self._state.document.pending, self.picture
         is_shown = picture is not None and picture.document is self._state.document
-        is_asked = self._state.phase is Phase.DECIDING and self._page_settings.now.advance
+        is_asked = self._state.phase is Phase.DECIDING and self.settings.now.advance
         if pending is not None and is_shown and is_asked:
             score = session_work.score_shown(picture, self._state.document)
             accepted = apply(self._state, Accept(pending.view_index, score))
@@ -347,7 +342,7 @@ class Application(PageController):
                 self._work.foresee(apply(accepted, Propose()))
 
     def _auto_step(self) -> None:
-        running, settings = self._page_status.auto, self._page_settings.now
+        running, settings = self._auto, self.settings.now
         step = auto.next_step(self._state, running, settings, self.picture, self._expected)
         match step:
             case None:
@@ -355,9 +350,9 @@ class Application(PageController):
             case auto.Foresee():
                 self._review.foresee(self._state.document, self._foreseen)
             case auto.Wait(text):
-                self._page_status = replace(self._page_status, auto=AutoInfo(running=True, waits_for=text))
+                self._auto = AutoInfo(running=True, waits_for=text)
                 self._follow_garment()
-                self._tell(None, "warning", text)
+                self.tell(None, "warning", text)
             case auto.End():
                 self.other.is_wanted = True
                 self._end_auto(step.level, step.text, step.by_choice)
@@ -372,11 +367,11 @@ class Application(PageController):
 
     def _follow_garment(self) -> None:
         shown = None if self.picture is None else self.picture.document
-        self._garment.follow(shown, busy=self._page_status.auto.is_busy)
+        self._garment.follow(shown, busy=self._auto.is_busy)
 
     def _other_made(self) -> None:
         """Show the other side with the shape that it was joined to."""
-        made, picture = self.other.status.made, self.picture
+        made, picture = self.other.made, self.picture
         if picture is not None and picture.sheet is not None:
             if made is not None and made.this is not picture.sheet:
                 self._work.forget_picture()  # both sides lay out this one, and its pieces
@@ -386,36 +381,40 @@ class Application(PageController):
         self._settle()
 
     def _end_auto(self, level: NoteLevel, text: str, ended: str = "") -> None:
-        self._page_status = replace(self._page_status, auto=AutoInfo(ended=ended))
+        self._auto = AutoInfo(ended=ended)
         self._follow_garment()
         self.other.follow(self.picture, busy=False)
-        self._tell(None, level, text)
+        self.tell(None, level, text)
 
-    def _page_state(self) -> PageState:
-        self._page_status = replace(self._page_status, progress=self._work.progress)
-        own = of_session(self._state, self._page_status, self.picture, self._integration.recording.angles_deg)
-        state = self._state_of(self.picture, **own)
-        views, review = self._review.of_views(state.views, self._state.document)
-        told = {"sides": self._sides.info(), "garment": self._garment.info(), "other": self.other.info()}
-        until = structs.replace(state.auto, until=auto.until_text(self._page_settings.now))
-        pending = self._placing.shown(state.pending, self._overlay)
-        if pending is not None and self._joins is not None and self._joins[0] is self._state.document:
+    def _fields(self) -> dict[str, Any]:
+        angles_deg, document = self.integration.recording.angles_deg, self._state.document
+        views = self._review.of_views(document)
+        own = of_session(self._state, self.picture, angles_deg, views, self._work.progress, self._trouble)
+        pending = self._placing.shown(own["pending"], self._overlay)
+        if pending is not None and self._joins is not None and self._joins[0] is document:
             pending = structs.replace(pending, joins=self._joins[1])
-        axis = session_work.axis_info(self._integration.axis)
-        return structs.replace(
-            state, views=views, review=review, pending=pending, auto=until, axis=axis, **told
-        )
+        return {
+            **super()._fields(),
+            **own,
+            "pending": pending,
+            "review": self._review.info(document),
+            "auto": structs.replace(self._auto, until=auto.until_text(self.settings.now)),
+            "axis": session_work.axis_info(self.integration.axis),
+            "sides": self._sides.info(),
+            "garment": self._garment.info(),
+            "other": self.other.info(),
+        }
 
     # --- results of the worker ---------------------------------------------------------------
 
     def _answered(self, answer: Answer) -> None:
         before, event = self._state, answer.event
         if event is None:
-            self._page_status = replace(self._page_status, auto=AutoInfo())
+            self._auto = AutoInfo()
             self._do(Failed(answer.state.request.token if answer.state.request else 0))
-            self._tell(None, "error", answer.trouble)
+            self.tell(None, "error", answer.trouble)
             return
-        self._folder.record(event)
+        self.folder.record(event)
         # After a stroke in the meantime, this picture is outdated; a new one follows.
         picture = self._work.answers(answer, self._state) if before is answer.state else None
         try:
@@ -424,7 +423,7 @@ class Application(PageController):
         finally:
             self._settle()
         if isinstance(event, Followed) and not event.holds:
-            self._tell(None, "warning", f"View {event.view_index} is asked again. {event.why}")
+            self.tell(None, "warning", f"View {event.view_index} is asked again. {event.why}")
 
     def _drawn(self, picture: Picture | str) -> None:
         if isinstance(picture, str):
@@ -442,13 +441,13 @@ class Application(PageController):
             self._end_auto("warning", f"{trouble} Another start view is chosen; Undo takes it back.")
             self._do(Restart())
             return
-        self._page_status = replace(self._page_status, trouble=f"{trouble} {UNDRAWN}")
-        self._end_auto("error", self._page_status.trouble)
-        self._publish()
+        self._trouble = f"{trouble} {UNDRAWN}"
+        self._end_auto("error", self._trouble)
+        self.publish()
 
     def _take_picture(self, picture: Picture) -> None:
         # Until it is joined to this shape, the other side is shown as it was.
-        picture = replace(picture, other=self.other.status.made)
+        picture = replace(picture, other=self.other.made)
         self.picture = picture
         self._show_in_scene()
         self._review.follow(picture)
@@ -456,18 +455,14 @@ class Application(PageController):
         if document is not None and document.pending is not None and document.pending.moved:
             self.executor.compute(
                 "work",
-                lambda: self._joins_at(document),
+                lambda: session_work.joins(self.integration, document),
                 lambda found: self._found_out(document, found),
                 "trying the placement",
+                lambda: self._state.document is document,  # otherwise it was moved on, or decided
             )
-
-    def _joins_at(self, document: Document) -> bool:
-        if self._state.document is not document:
-            raise CancelledError  # it was moved on, or decided
-        return session_work.joins(self._integration, document)
 
     def _found_out(self, document: Document, joins: bool | str) -> None:
         """Show whether a proposal that was moved by hand joins the shape."""
         if isinstance(joins, bool):
             self._joins = document, joins
-            self._publish()
+            self.publish()

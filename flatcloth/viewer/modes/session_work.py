@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 from msgspec import structs
@@ -38,17 +36,16 @@ from flatcloth.session.machine import (
     apply,
 )
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.messages import GoTo, Move, PlacePiece, SetAxis
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import Progress
 from flatcloth.viewer.protocol.snapshot import center_uv_m, placement_of
 from flatcloth.viewer.protocol.state import AxisInfo, GhostInfo, PendingInfo
-from flatcloth.viewer.worker import Executor, attempt
+from flatcloth.viewer.worker import attempt
 
 _log = logging.getLogger(__name__)
 
-
-T = TypeVar("T")
 
 PROGRESS_INTERVAL_S = 0.05
 """Interval between messages of progress. Chosen."""
@@ -71,37 +68,30 @@ class Answer:
 class SessionWork:
     """Computes the answers and the pictures of a session, one job at a time.
 
-    Its methods and the callbacks run on the application thread.
+    Its methods and the callbacks run on the page's own thread.
 
     Parameters
     ----------
-    integration : Integration
-        Does the computations.
-    executor : Executor
-        Does the work.
+    page : PageController
+        The page.
     on_answer : callable
         Called with each :class:`Answer` to the present request.
     on_picture : callable
         Called with the present picture, or with the reason if it cannot be drawn.
-    on_progress : callable
-        Called with the progress, at most every ``PROGRESS_INTERVAL_S``.
     laid : callable
         Returns the floating pieces of a document that seams join to the shape; from any thread.
     """
 
     def __init__(
         self,
-        integration: Integration,
-        executor: Executor,
+        page: PageController,
         on_answer: Callable[[Answer], None],
         on_picture: Callable[[Picture | str], None],
-        on_progress: Callable[[Progress], None],
-        laid: Callable[[Document], Sequence[LaidPiece]] = lambda _document: (),
+        laid: Callable[[Document], Sequence[LaidPiece]],
     ) -> None:
-        self._laid = laid
-        self._integration, self._executor = integration, executor
-        self._on_answer, self._on_picture, self._on_progress = on_answer, on_picture, on_progress
-        self._running: tuple[Request, threading.Event] | None = None
+        self._page, self._on_answer, self._on_picture, self._laid = page, on_answer, on_picture, laid
+        # The request that is being answered, and a mark of that job: a cancelled one is no longer this.
+        self._running: tuple[Request, object] | None = None
         self._asked: Document | None = None
         self._reported_at_s = 0.0
         # What will be asked for if the proposal is accepted, and its answer.
@@ -112,8 +102,6 @@ class SessionWork:
 
     def cancel(self) -> None:
         """Cancel the running computation, if there is one."""
-        if self._running is not None:
-            self._running[1].set()
         self._running = self.progress = None
 
     def forget_picture(self) -> None:
@@ -122,20 +110,22 @@ class SessionWork:
 
     def follow(self, state: SessionState) -> None:
         """Start the computation that a state needs, and cancel one that it no longer needs."""
-        request = state.request
+        request, document = state.request, state.document
         if self._running is not None and self._running[0] != request:
             self.cancel()
         if request is not None and self._running is None:
-            cancelled = threading.Event()
-            self._running = request, cancelled
-            self.progress = Progress(share=0.0, text="Waiting")
-            self._executor.put("work", lambda: self._answer(state, request, cancelled))
-        document = state.document
+            self._answer(state, request)
         if document.start_view is None:
             self._asked = None
         elif self._asked is not document and not (request is not None and self._ahead_of(state)):
             self._asked = document
-            self._executor.put("work", lambda: self._draw(document))
+            self._page.executor.compute(
+                "work",
+                lambda: self._draw(document),
+                self._on_picture,
+                "drawing",
+                lambda: self._asked is document,  # otherwise a decision has changed it
+            )
 
     def foresee(self, after: SessionState) -> None:
         """Compute the answer to a likely state while the operator looks, so that it is there then."""
@@ -156,7 +146,7 @@ class SessionWork:
             except Exception as error:  # noqa: BLE001 - raised again where it is asked for
                 made.set_exception(error)
 
-        self._executor.put("ahead", look)
+        self._page.executor.put("ahead", look)
 
     def _ahead_of(self, state: SessionState) -> Future[Answer] | None:
         """Return the answer that was computed ahead, or is being computed, to a state."""
@@ -171,32 +161,24 @@ class SessionWork:
         self._asked = after.document
         return replace(answer.picture, document=after.document)
 
-    def _took(self, answer: Answer) -> None:
-        if self._running is not None and self._running[0] == answer.state.request:
-            self._on_answer(answer)
-
-    def _show(self, document: Document, picture: Picture | str) -> None:
-        if self._asked is document:
-            self._on_picture(picture)
-
-    def _note_progress(self, request: Request, progress: Progress) -> None:
-        if self._running is None or self._running[0] != request:
-            return
-        self.progress = progress
-        now_s = time.monotonic()
-        if now_s - self._reported_at_s >= PROGRESS_INTERVAL_S:
-            self._reported_at_s = now_s
-            self._on_progress(progress)
-
-    # --- the worker ----------------------------------------------------------------------------
-
-    def _answer(self, state: SessionState, request: Request, cancelled: threading.Event) -> None:
+    def _answer(self, state: SessionState, request: Request) -> None:
         """Answer the request of a state, and draw the resulting session, in one job."""
+        running = self._running = request, object()
+        self.progress = Progress(share=0.0, text="Waiting")
+
+        def note(progress: Progress) -> None:
+            if self._running is not running:
+                return
+            self.progress = progress
+            now_s = time.monotonic()
+            if now_s - self._reported_at_s >= PROGRESS_INTERVAL_S:
+                self._reported_at_s = now_s
+                self._page.tabs.tell(None, progress)
 
         def progress(share: float, text: str) -> None:
-            if cancelled.is_set():
+            if self._running is not running:
                 raise CancelledError
-            self._executor.on_page(lambda: self._note_progress(request, Progress(share=share, text=text)))
+            self._page.executor.on_page(lambda: note(Progress(share=share, text=text)))
 
         def make() -> Answer:
             progress(0.0, "Starting")
@@ -212,39 +194,37 @@ class SessionWork:
             self._made = made.picture or self._made
             return made
 
-        with contextlib.suppress(CancelledError):
-            made = attempt(make, "computing")
+        def take(made: Answer | str) -> None:
             if isinstance(made, str):
                 _log.warning("%s", made)
                 made = Answer(state, trouble=made)
-            answer = made
-            self._executor.on_page(lambda: self._took(answer))
+            self._on_answer(made)
+
+        self._page.executor.compute("work", make, take, "computing", lambda: self._running is running)
+
+    # --- the threads of the computations ---------------------------------------------------------
 
     def _computed(
         self, state: SessionState, request: Request, progress: Callable[[float, str], None]
     ) -> Answer:
-        event = self._integration.answer(state.document, request, progress)
+        event = self._page.integration.answer(state.document, request, progress)
         after = apply(state, event)
         progress(1.0, "drawing")
-        picture = self._drawn(after.document) if after.request is None else None
+        picture = attempt(lambda: self._drawn(after.document), "drawing") if after.request is None else None
         # What cannot be drawn is reported when it is drawn again.
         return Answer(state, event, None if isinstance(picture, str) else picture)
 
-    def _draw(self, document: Document) -> None:
-        if self._asked is document:  # otherwise a decision has changed it
-            wait_until_compiled(first=self._is_first(document))
-            picture = self._drawn(document)
-            self._made = self._made if isinstance(picture, str) else picture
-            self._executor.on_page(lambda: self._show(document, picture))
+    def _draw(self, document: Document) -> Picture:
+        wait_until_compiled(first=self._is_first(document))
+        self._made = self._drawn(document)
+        return self._made
 
     def _is_first(self, document: Document) -> bool:
         # To find the sides of a recording without masks takes more kernels.
-        return is_of_one_view(document) and self._integration.views.sides is None
+        return is_of_one_view(document) and self._page.integration.views.sides is None
 
-    def _drawn(self, document: Document) -> Picture | str:
-        """Return the picture of a document, or the reason if it cannot be drawn."""
-        laid = self._laid(document)
-        return attempt(lambda: make_picture(self._integration, document, self._made, laid), "drawing")
+    def _drawn(self, document: Document) -> Picture:
+        return make_picture(self._page.integration, document, self._made, self._laid(document))
 
 
 def turned_about(integration: Integration, axis: RotationAxis) -> str:

@@ -15,8 +15,7 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke, why_off_image
-from flatcloth.core.types import Bool, Float32, Floats, Int64, Uint8
-from flatcloth.engine.integration import Integration
+from flatcloth.core.types import Bool, Floats, Int64
 from flatcloth.engine.views import ViewCloud
 from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
@@ -27,11 +26,11 @@ from flatcloth.segmentation.result import NO_ITEM, Segmentation, ViewSegmentatio
 from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import ItemBox, StrokeAdvice
 from flatcloth.viewer.protocol.picture import Picture, place_in_view
 from flatcloth.viewer.protocol.state import SidesInfo
-from flatcloth.viewer.worker import Executor
 
 _log = logging.getLogger(__name__)
 
@@ -40,25 +39,10 @@ _UNKNOWN = "The sides are not known yet."
 
 
 class SideController:
-    """Answers strokes of the page; its methods but ``routes`` are for the application thread.
+    """Answers strokes of a page; its methods but ``routes`` are for the page's own thread."""
 
-    Parameters
-    ----------
-    integration : Integration
-        Finds the sides.
-    executor : Executor
-        Does the work.
-    changed : callable
-        Called on the application thread when the status has changed, with a text on the last stroke.
-    """
-
-    def __init__(
-        self,
-        integration: Integration,
-        executor: Executor,
-        changed: Callable[[str], None],
-    ) -> None:
-        self._integration, self._executor, self._changed = integration, executor, changed
+    def __init__(self, page: PageController) -> None:
+        self._page = page
         self._strokes: tuple[Decision, ...] | None = None
         self._found: Segmentation | None = None
         self._touched: Int64 = np.empty(0, dtype=np.int64)
@@ -72,14 +56,15 @@ class SideController:
     @property
     def available(self) -> bool:
         """Whether the side of interest is found by the program: the recording has no masks."""
-        return self._integration.views.sides is not None
+        return self._page.integration.views.sides is not None
 
     def info(self) -> SidesInfo | None:
         """Return the status for the page, None if the recording has masks of its own."""
         if not self.available:
             return None
         # Pixels of an image that a metre of the item covers, at the distance of the axis.
-        focal_px, away_m = self._integration.recording.intrinsics.fx, self._integration.axis.point_m[2]
+        integration = self._page.integration
+        focal_px, away_m = integration.recording.intrinsics.fx, integration.axis.point_m[2]
         return structs.replace(self._status, pixels_per_m=focal_px / float(away_m))
 
     # --- decisions -----------------------------------------------------------------------------
@@ -97,7 +82,7 @@ class SideController:
         match message:
             case messages.StrokeImage(side=side, view_index=view, points_rc=points, radius_m=radius):
                 stroke = ImageStroke(side=side, view_index=view, points_rc=points, radius_m=radius)
-                recording = self._integration.recording
+                recording = self._page.integration.recording
                 camera = recording.intrinsics
                 if (why := why_off_image(stroke, len(recording), camera.height, camera.width)) is not None:
                     raise FlatclothError(f"Not recorded: {why}")
@@ -123,7 +108,7 @@ class SideController:
         hit = point_on_ray(points_m, origin_m, direction) if len(points_m) else None
         if picture is None or hit is None:
             return None
-        place = place_in_view(self._integration, picture.present_view, points_m[hit], np.full(3, np.nan))
+        place = place_in_view(self._page.integration, picture.present_view, points_m[hit], np.full(3, np.nan))
         return ImageStroke(
             side=self.brush.side,
             view_index=picture.present_view,
@@ -133,19 +118,17 @@ class SideController:
 
     # --- labels --------------------------------------------------------------------------------
 
-    def look_first(self, show: Callable[[Float32, Uint8], None]) -> None:
-        """Show the cloud of the first view until the side of interest is known.
-
-        ``show`` is called on the application thread, unless the labels are known earlier.
-        """
+    def look_first(self) -> None:
+        """Show the cloud of the first view until the side of interest is known."""
 
         def take(seen: ViewCloud | str) -> None:
             if isinstance(seen, str):
                 _log.warning("view 0 cannot be shown yet: %s", seen)
             elif self._found is None:
-                show(seen.xyz_m, seen.rgb)
+                self._page.scene.see(seen.xyz_m, seen.rgb, anew=True)
 
-        self._executor.compute("sides", lambda: self._integration.views.cloud(0), take, "reading view 0")
+        cloud = self._page.integration.views.cloud
+        self._page.executor.compute("sides", lambda: cloud(0), take, "reading view 0")
 
     def follow(self, document: Document) -> None:
         """Label the cloth by the strokes of a document; the first time this takes seconds."""
@@ -156,18 +139,18 @@ class SideController:
         def find() -> tuple[Segmentation, Int64]:
             if strokes != self._strokes:
                 raise CancelledError  # another stroke came in the meantime
-            sides = self._integration.views.sides
+            sides = self._page.integration.views.sides
             assert sides is not None
             found = sides.solver().solve(strokes)  # the masks take longer and follow with the shape
             return found, under_strokes(found.observed, strokes)
 
         take = partial(self._take, strokes)
-        self._executor.compute("sides", find, take, "finding the side of interest")
+        self._page.executor.compute("sides", find, take, "finding the side of interest")
 
     def _take(self, strokes: tuple[Decision, ...], made: tuple[Segmentation, Int64] | str) -> None:
         if isinstance(made, str):
             self._know(made)
-            self._changed("")
+            self._page.publish()
             return
         found, touched = made
         grown = len(strokes) > self._status.n_strokes
@@ -180,7 +163,10 @@ class SideController:
             undecided_cm2=round(1e4 * found.area_undecided_m2, 1),
             conflicts=found.conflicts,
         )
-        self._changed(changed)
+        if changed:
+            self._page.tell(None, "info", changed)
+        else:
+            self._page.publish()
 
     def _know(self, text: str, **found: Any) -> None:
         before = self._status
@@ -193,7 +179,7 @@ class SideController:
 
         ``number`` counts round all places, also backwards.
         """
-        sides = self._integration.views.sides
+        sides = self._page.integration.views.sides
         if sides is None:
             raise FlatclothError("This recording has masks; there is nothing to paint.")
 
@@ -213,28 +199,25 @@ class SideController:
                 made = StrokeAdvice(view_index=None, rc=None, text=made)
             answer(made)
 
-        self._executor.compute("sides", find, take, "looking for a place")
+        self._page.executor.compute("sides", find, take, "looking for a place")
 
     # --- pictures ------------------------------------------------------------------------------
 
-    def routes(self, picture: Callable[[], Picture | None]) -> list[BaseRoute]:
+    def routes(self) -> list[BaseRoute]:
         """Return the routes: images of the labels of a view or of the shape."""
 
-        def labels(path: str, draw: Callable[[int, bool], bytes | None]) -> BaseRoute:
-            def make(request: Request) -> bytes | None:
-                return draw(request.path_params["view"], request.query_params.get("layer") == "certainty")
+        def of_view(path: str, make: Callable[[int, bool], Any], **options: str) -> BaseRoute:
+            def made(request: Request) -> Any:
+                return make(request.path_params["view"], request.query_params.get("layer") == "certainty")
 
-            return http.get(path, make, gone=_UNKNOWN)
-
-        def of_view(path: str, make: Callable[[int], Any], **options: str) -> BaseRoute:
-            return http.get(path, lambda r: make(r.path_params["view"]), gone=_UNKNOWN, **options)
+            return http.get(f"/sides/{{view:int}}{path}", made, gone=_UNKNOWN, **options)
 
         return [
-            http.get("/sides/shape.png", lambda _: self._shape_png(picture()), gone=_UNKNOWN),
-            labels("/sides/{view:int}.png", self.view_png),
-            of_view("/sides/{view:int}/box.json", self.item_box),
-            labels("/sides/{view:int}/small.png", self.small_png),
-            of_view("/sides/{view:int}/color.jpg", self._small_color, media_type="image/jpeg", kept=http.DAY),
+            http.get("/sides/shape.png", lambda _: self._shape_png(self._page.picture), gone=_UNKNOWN),
+            of_view(".png", self.view_png),
+            of_view("/box.json", self.item_box),
+            of_view("/small.png", self.small_png),
+            of_view("/color.jpg", self._small_color, media_type="image/jpeg", kept=http.DAY),
         ]
 
     def _labels(self, view: int) -> ViewSegmentation | None:
@@ -257,16 +240,16 @@ class SideController:
         seen = None if found is None else found.observed.views.get(view)
         return None if seen is None else np.isin(seen.cluster, self._touched)
 
-    def _small_color(self, view: int) -> bytes | None:
+    def _small_color(self, view: int, _certain: bool = False) -> bytes | None:
         """Return the part of the image that the labels cover, as JPEG."""
         labels = self._labels(view)
         if labels is None:
             return None
         (top, left), (rows, cols) = labels.offset_rc, labels.side.shape
-        color = self._integration.recording[view].color[top : top + rows, left : left + cols]
+        color = self._page.integration.recording[view].color[top : top + rows, left : left + cols]
         return jpeg_thumbnail(color)
 
-    def item_box(self, view: int) -> ItemBox | None:
+    def item_box(self, view: int, _certain: bool = False) -> ItemBox | None:
         """Return the part of a view that shows the item; None if it is not known, or the view shows none."""
         labels = self._labels(view)
         item = None if labels is None else np.argwhere(labels.side != NO_ITEM)
@@ -280,8 +263,8 @@ class SideController:
 
     def view_png(self, view: int, certain: bool = False) -> bytes | None:
         """Return the labels of a view, or their certainty, as PNG; None if they are not known."""
-        found, intrinsics = self._found, self._integration.recording.intrinsics
-        if found is None or view >= len(self._integration.recording):
+        found, intrinsics = self._found, self._page.integration.recording.intrinsics
+        if found is None or view >= len(self._page.integration.recording):
             return None
         labels = found.view(view)
         shape = intrinsics.height, intrinsics.width

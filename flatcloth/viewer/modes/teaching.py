@@ -22,12 +22,11 @@ from flatcloth.core.errors import CancelledError
 from flatcloth.core.parcel import record
 from flatcloth.core.types import Progress
 from flatcloth.engine.garment.lesson import garment_lesson
-from flatcloth.engine.garment.recognition import KnownGarment
-from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import Parameters, Teaching
 from flatcloth.recordings.mending import Mends
 from flatcloth.rendering.evidence import mistaken
 from flatcloth.viewer.http import RefusedError
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.lessons import (
     CM2,
     alignment_parcel,
@@ -39,8 +38,8 @@ from flatcloth.viewer.modes.lessons import (
     sides_parcel,
     start_parcel,
 )
-from flatcloth.viewer.protocol.picture import OtherSheet, truth_of
-from flatcloth.viewer.worker import Executor, attempt
+from flatcloth.viewer.protocol.picture import truth_of
+from flatcloth.viewer.worker import attempt
 
 PARTS = ("flattening", "start", "planning", "alignment", "sides", "garment", "seams", "check")
 """The parts: Fig. 2, the start view, Fig. 4a, the rest of Fig. 4, the side of interest, the garment, both
@@ -60,29 +59,10 @@ Tell = Callable[[bytes, bool], None]
 
 
 class TeachingRoutes:
-    """Answers the requests of the teaching mode; computes one lesson at a time.
+    """Answers the requests of the teaching mode of a page; computes one lesson at a time."""
 
-    Parameters
-    ----------
-    integration : Integration
-        The session's; only read.
-    executor : Executor
-        Does the work.
-    garment : callable
-        Returns the garment of the shape that is shown, None if it is not known; from any thread.
-    other : callable
-        Returns the other side that is shown, None if it is not known; from any thread.
-    """
-
-    def __init__(
-        self,
-        integration: Integration,
-        executor: Executor,
-        garment: Callable[[], KnownGarment | None] = lambda: None,
-        other: Callable[[], OtherSheet | None] = lambda: None,
-    ) -> None:
-        self._integration, self._garment, self._other = integration, garment, other
-        self._executor = executor
+    def __init__(self, page: PageController) -> None:
+        self._page = page
         self._teaching: Teaching | None = None
 
     async def serve(self, request: Request) -> Response:
@@ -90,7 +70,7 @@ class TeachingRoutes:
         part = request.path_params["part"]
         if part not in PARTS:
             raise RefusedError(f"Unknown part {part!r:.40}; choose one of {', '.join(PARTS)}.", 404)
-        asked = _asked(dict(request.query_params), len(self._integration.recording))
+        asked = _asked(dict(request.query_params), len(self._page.integration.recording))
         return StreamingResponse(
             self._records(part, asked),
             media_type="application/octet-stream",
@@ -130,17 +110,17 @@ class TeachingRoutes:
                 made = attempt(make, "computing")
                 tell(record({"kind": "error", "text": made}) if isinstance(made, str) else made, True)
 
-        self._executor.put("teaching", job)
+        self._page.executor.put("teaching", job)
 
     def _lesson(self, part: str, asked: dict[str, Any], progress: Progress) -> bytes:
-        if self._teaching is None or self._teaching.views != len(self._integration.recording):
-            self._teaching = Teaching(self._integration)  # of an active loop, the recording grows
+        if self._teaching is None or self._teaching.views != len(self._page.integration.recording):
+            self._teaching = Teaching(self._page.integration)  # of an active loop, the recording grows
         teaching, defaults = self._teaching, _plain(self._teaching.defaults)
         start = asked["start_view"]
         if start is None and part not in _OF_ALL_VIEWS:
             start = teaching.start_view(progress)
         parameters = _parameters({**defaults, **{k: v for k, v in asked.items() if k in defaults}})
-        axis, recording = self._integration.axis, self._integration.recording
+        axis, recording = self._page.integration.axis, self._page.integration.recording
         view = 0 if start is None else start
         match part:
             case "flattening":
@@ -153,11 +133,11 @@ class TeachingRoutes:
             case "sides":
                 parcel = sides_parcel(teaching.sides(progress))
             case "garment":
-                parcel = garment_parcel(garment_lesson(self._garment(), progress), axis)
+                parcel = garment_parcel(garment_lesson(self._page.garments.last, progress), axis)
             case "seams":
-                parcel = seams_parcel(self._other())
+                parcel = seams_parcel(self._page.other_sheet)
             case "check":
-                checked = check_lesson(recording, self._integration.views.recorded, axis)
+                checked = check_lesson(recording, self._page.integration.views.recorded, axis)
                 views = checked.pair.first, checked.pair.second
                 mistakes = {
                     "turned back": Mends(reverse=True),

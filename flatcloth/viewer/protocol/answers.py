@@ -10,9 +10,8 @@ from msgspec import Meta
 from flatcloth.engine.diagnostics import Reasons
 from flatcloth.engine.results.result import Result
 from flatcloth.session.journal import SheetSide
-from flatcloth.viewer.protocol.garment import GarmentPointInfo
 from flatcloth.viewer.protocol.sent import RC, UV, XYZ, Direction, Grid, Legend, Note, Progress, Sent
-from flatcloth.viewer.protocol.state import CaptureStatus, PageState
+from flatcloth.viewer.protocol.state import CaptureStatus, GarmentPointInfo, PageState
 
 Rgb = tuple[
     Annotated[int, Meta(ge=0, le=255)], Annotated[int, Meta(ge=0, le=255)], Annotated[int, Meta(ge=0, le=255)]

@@ -16,33 +16,39 @@ from msgspec import Meta, inspect
 from flatcloth.core.decoding import UNKNOWN, Finite, MisfitError, fitted, parse_json
 from flatcloth.core.errors import FlatclothError
 from flatcloth.rendering.layers import LayerName
+from flatcloth.session.document import MAX_EXTENT_M
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
-from flatcloth.viewer.protocol.fields import (
-    MAX_MESSAGE_CHARS,
-    MAX_NAME_CHARS,
-    BrushRadius,
-    Count,
-    Degrees,
-    Lean,
-    Metres,
-    Pointed,
-    Points,
-    Radians,
-    Said,
-    StrokePixels,
-    StrokePlaces,
-    StrokeSide,
-    Weights,
-)
-from flatcloth.viewer.protocol.garment import (
-    DecideJoint,
-    DecidePiece,
-    HoldPoint,
-    ReleasePoints,
-    SetKind,
-)
 
+# Limits of what a page may send. Chosen: far above what the page's own controls send.
+MAX_MESSAGE_CHARS = 100_000  # of a whole message
+MAX_NAME_CHARS = 80  # of a pick
+MAX_PAIRS = 50  # of points of cloth, of which two fix a place
+MAX_ANGLE_DEG = 3600.0  # of any angle: ten turns
+MAX_LEAN_DEG = 45.0  # of the turning axis
+MAX_STROKE_POINTS = 1000  # of one stroke
+MAX_BRUSH_M = 0.2  # radius
+
+Metres = Annotated[float, Meta(ge=-MAX_EXTENT_M, le=MAX_EXTENT_M)]
+"""A place on a garment's plane, or a shift there."""
+Pointed = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
+"""Where the pointer is, in metres of the plane: also far off the garment, where the page is zoomed out."""
+Radians = Annotated[float, Meta(ge=-100.0, le=100.0)]
+Degrees = Annotated[float, Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
+Lean = Annotated[float, Meta(ge=-MAX_LEAN_DEG, le=MAX_LEAN_DEG)]
+Count = Annotated[int, Meta(ge=-(2**53), le=2**53)]
+"""A number of a view, a frame, a pick or a question: what JavaScript counts exactly."""
+Points = Annotated[tuple[tuple[Metres, Metres], ...], Meta(max_length=MAX_PAIRS)]
+StrokePixels = Annotated[
+    tuple[tuple[Annotated[float, Meta(ge=-1.0, le=1e5)], Annotated[float, Meta(ge=-1.0, le=1e5)]], ...],
+    Meta(min_length=1, max_length=MAX_STROKE_POINTS),
+]
+"""A line of pixels (row, col) of a recorded image."""
+StrokePlaces = Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, max_length=MAX_STROKE_POINTS)]
+"""A line of places (u, v) of the flattened plane."""
+BrushRadius = Annotated[float, Meta(gt=0.0, le=MAX_BRUSH_M)]
+StrokeSide = Literal["this", "other"]
+Weights = Annotated[tuple[Annotated[float, Meta(gt=0.0, le=1e6)], ...], Meta(max_length=MAX_PAIRS)]
 SessionAction = Literal[
     "step", "view", "accept", "reject", "skip", "reopen", "undo", "redo", "cancel", "restart"
 ]
@@ -51,6 +57,10 @@ CaptureAction = Literal["begin", "keep", "repeat", "turned", "aim", "finish"]
 
 class MessageError(FlatclothError):
     """A message of the page is not valid; the text names the field and what was expected."""
+
+
+class Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type"):
+    """The common part of all messages: their ``type``."""
 
 
 class Do(Said, tag="do", frozen=True, kw_only=True):
@@ -300,7 +310,70 @@ class WhereToStroke(Said, tag="where_to_stroke", frozen=True, kw_only=True):
     number: Annotated[int, Meta(ge=-1000, le=1000)] = 0
 
 
-GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideJoint
+GarmentName = Annotated[str, Meta(min_length=1, max_length=40)]
+"""Of a kind of garment, or of a named point."""
+
+
+class SetKind(Said, tag="garment_kind", frozen=True, kw_only=True):
+    """Set the kind of the garment; None: the evidence decides."""
+
+    kind: GarmentName | None = None
+
+
+class HoldPoint(Said, tag="hold_point", frozen=True, kw_only=True):
+    """Hold a named point of the garment at a place of the plane; the rest refits."""
+
+    name: GarmentName
+    u_m: Metres
+    v_m: Metres
+
+
+class PreviewPoint(HoldPoint, tag="preview_point", frozen=True, kw_only=True):
+    """Ask how the outline would lie if a point were held so; ``id`` comes back with the answer."""
+
+    id: Count
+
+
+class ReleasePoints(Said, tag="release_points", frozen=True, kw_only=True):
+    """Let a held point go, or all of them."""
+
+    name: GarmentName | None = None
+
+
+class DecidePiece(Said, tag="decide_piece", frozen=True, kw_only=True):
+    """Lay a floating piece where the garment has a place for it, or refuse that place."""
+
+    label: GarmentName
+    accepted: bool
+
+
+class DecideJoint(Said, tag="decide_joint", frozen=True, kw_only=True):
+    """Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``."""
+
+    revision: Count
+    index: Annotated[int, Meta(ge=0)]
+    cut: bool
+
+
+class PickPoint(Said, tag="pick_point", frozen=True, kw_only=True):
+    """Pick a named point of the garment as a grasp."""
+
+    name: GarmentName
+
+
+class ShowOther(Said, tag="other_side", frozen=True, kw_only=True):
+    """Compute the other side of the item, if it is not known yet."""
+
+
+class DecideSeam(Said, tag="decide_seam", frozen=True, kw_only=True):
+    """Cut a seam, or keep it: ``index`` in the list of seams at this ``revision`` of the other side."""
+
+    revision: Count
+    index: Annotated[int, Meta(ge=0)]
+    keep: bool
+
+
+GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece
 Message = Said
 """Any message of the page: each subclass is one."""
 
@@ -313,24 +386,20 @@ def _subclasses(kind: type[Said]) -> Iterator[type[Said]]:
 KINDS = {str(kind.__struct_config__.tag): kind for kind in _subclasses(Said)}
 
 
-def parse(text: str) -> Message:
-    """Read one message of the page.
+def parsed(text: str) -> Message | MessageError:
+    """Return one message of the page, or what is wrong with it.
 
-    Raises
-    ------
-    MessageError
-        If it is not JSON, of an unknown type, or has missing, unknown or wrong fields.
+    It may be no JSON, of an unknown type, or have missing, unknown or wrong fields.
     """
     if len(text) > MAX_MESSAGE_CHARS:
-        raise MessageError(f"A message of over {MAX_MESSAGE_CHARS} characters is too long; reload the page.")
+        return MessageError(f"A message of over {MAX_MESSAGE_CHARS} characters is too long; reload the page.")
     try:
         message = _DECODER.decode(text)
-    except msgspec.ValidationError as error:
-        raise _not_understood(text) from error
+    except msgspec.ValidationError:
+        return _not_understood(text)
     except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
-        raise MessageError(f"A message was not JSON ({error}); reload the page.") from error
-    _check(message)
-    return message
+        return MessageError(f"A message was not JSON ({error}); reload the page.")
+    return _misused(message) or message
 
 
 _DECODER: msgspec.json.Decoder[Message] = msgspec.json.Decoder(reduce(or_, KINDS.values()))
@@ -365,13 +434,14 @@ def _known(kind: type[Said], error: MisfitError) -> str:
     return "".join(f": {', '.join(map(str, k.values))}" for k in kinds if isinstance(k, inspect.LiteralType))
 
 
-def _check(message: Message) -> None:
+def _misused(message: Message) -> MessageError | None:
     match message:
         case Do(action="view" | "reopen" as action, view_index=None):
-            raise MessageError(f"Action {action!r} needs a view_index.")
+            return MessageError(f"Action {action!r} needs a view_index.")
         case Do(reason=str(reason)) if reason not in REJECT_REASONS:
-            raise MessageError(f"Unknown reason {reason!r:.60}; known are {', '.join(REJECT_REASONS)}.")
+            return MessageError(f"Unknown reason {reason!r:.60}; known are {', '.join(REJECT_REASONS)}.")
         case Capture(action=action, angle_deg=angle) if (action == "aim") != (angle is not None):
-            raise MessageError(f"A capture cannot {action!r} so; only aiming has an angle.")
+            return MessageError(f"A capture cannot {action!r} so; only aiming has an angle.")
         case RenamePick(name=name) if not name.strip():
-            raise MessageError(f"A pick's name has 1 to {MAX_NAME_CHARS} characters.")
+            return MessageError(f"A pick's name has 1 to {MAX_NAME_CHARS} characters.")
+    return None

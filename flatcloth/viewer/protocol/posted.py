@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flatcloth.active.incoming import SeenView
 from flatcloth.core.types import Float64, Intrinsics, RotationAxis
 from flatcloth.recordings.files.images import is_whole, pixels_of, png_header
-from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
+from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
 
 MAX_SIDE_PX = 4096
 """Largest side of a sent image. Chosen: above any depth camera's."""

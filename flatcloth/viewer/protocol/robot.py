@@ -8,7 +8,7 @@ import msgspec
 from msgspec import Meta
 
 from flatcloth.export.formats.documents import Grasp, Matrix4, Written
-from flatcloth.viewer.protocol.fields import MAX_NAME_CHARS, Count, Metres, Pointed
+from flatcloth.viewer.protocol.messages import MAX_NAME_CHARS, Count, Metres, Pointed
 from flatcloth.viewer.protocol.posted import PostedView
 
 PROTOCOL: Literal["flatcloth-robot/1"] = "flatcloth-robot/1"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,14 @@ import numpy as np
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.sheet import Sheet, floating_file, label_of, other_floating_file
 from flatcloth.engine.warmup import is_compiling
-from flatcloth.methods.answers import Hypothesis
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.allowed import action_table
 from flatcloth.viewer.protocol.picture import OtherSheet, Overlay, Picture
-from flatcloth.viewer.protocol.sent import Grid, Legend, Motion, Note, Placement, Progress, typed
+from flatcloth.viewer.protocol.sent import Grid, Legend, Motion, Placement, Progress, typed
 from flatcloth.viewer.protocol.state import (
-    AutoInfo,
     AwaitedRequest,
     FloatingPiece,
     JoinedPieceInfo,
@@ -34,24 +31,22 @@ from flatcloth.viewer.protocol.state import (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class PageStatus:
-    """The state of the page outside the session: Auto, progress, messages."""
-
-    auto: AutoInfo = field(default_factory=AutoInfo)
-    progress: Progress | None = None
-    log: tuple[Note, ...] = ()
-    trouble: str = ""  # why the shape of the present document cannot be drawn
-
-
 def of_session(
-    state: SessionState, status: PageStatus, picture: Picture | None, angles_deg: tuple[float, ...]
+    state: SessionState,
+    picture: Picture | None,
+    angles_deg: tuple[float, ...],
+    reviewed: Mapping[int, dict[str, Any]],
+    progress: Progress | None,
+    trouble: str,
 ) -> dict[str, Any]:
-    """Return the fields of the state of a session."""
+    """Return the fields of the state of a session.
+
+    ``reviewed`` are fields of the rows of decided views; ``trouble`` is why the shape cannot be drawn.
+    """
     document, request = state.document, state.request
     # The session is ahead of what is shown until its picture is computed.
     behind = document.start_view is not None and (picture is None or picture.document is not document)
-    drawing = behind and not status.trouble
+    drawing = behind and not trouble
     compiling = drawing and is_compiling()
     text = "compiling, first start only; then the shape is drawn"
     return {
@@ -69,15 +64,15 @@ def of_session(
         "undone": tuple(item.name for item in reversed(state.redo)),
         "n_later": len(document.later),
         "request": request and AwaitedRequest(kind=request.kind, view_index=request.view_index),
-        "views": tuple(_view(state, i, angle_deg) for i, angle_deg in enumerate(angles_deg)),
-        "progress": status.progress or (Progress(share=0.0, text=text) if compiling else None),
+        "views": tuple(_view(state, i, a, reviewed.get(i, {})) for i, a in enumerate(angles_deg)),
+        "progress": progress or (Progress(share=0.0, text=text) if compiling else None),
         "pending": _pending(document, picture),
         "drawing": drawing,
-        "trouble": status.trouble if behind else "",
+        "trouble": trouble if behind else "",
     }
 
 
-def _view(state: SessionState, index: int, angle_deg: float) -> ViewRow:
+def _view(state: SessionState, index: int, angle_deg: float, reviewed: dict[str, Any]) -> ViewRow:
     document = state.document
     word, detail, score = _verdict(document, index)
     command = Start(index) if document.start_view is None else Propose(index)
@@ -90,6 +85,7 @@ def _view(state: SessionState, index: int, angle_deg: float) -> ViewRow:
         follows=_follows(document, index),
         why_not=why_illegal(state, command) if word != "pending" else "This view is the proposal.",
         why_not_reopen=why_illegal(state, Reopen(index)),
+        **reviewed,
     )
 
 
@@ -131,14 +127,17 @@ def _pending(document: Document, picture: Picture | None) -> PendingInfo | None:
         nudge=_motion(_about_center(pending, overlay)),
         why=pending.why,
         again=pending.again is not None,
-        **{"best_score": pending.score, **({} if overlay is None else _computed(pending, overlay))},
+        **({"best_score": pending.score} if overlay is None else _computed(pending, overlay)),
     )
 
 
 def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     """Return what the method has computed for a proposal, as fields of it."""
     placement = overlay.proposal.placement
+    best = placement.hypotheses[0] if placement.hypotheses else None
     return {
+        "best_score": pending.score if best is None else best.score.total,
+        "undetermined": () if best is None else tuple(best.undetermined),
         "pieces": tuple(
             PendingPart(
                 component=part.component,
@@ -153,13 +152,7 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
         "brings": _joined(overlay),
         "foreseen": overlay.foreseen,
         "checks": overlay.checks,
-        **(_best(placement.hypotheses[0]) if placement.hypotheses else {}),
     }
-
-
-def _best(place: Hypothesis) -> dict[str, Any]:
-    """Return what the method ``robust`` tells of the best place."""
-    return {"best_score": place.score.total, "undetermined": tuple(place.undetermined)}
 
 
 def _joined(overlay: Overlay) -> JoinedPieceInfo | None:

@@ -1,4 +1,4 @@
-"""The state of the page, which every tab receives in full after each change."""
+"""The state of the page: a new tab receives all of it, then after each change the fields that differ."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import Literal
 
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.actions import Action
-from flatcloth.viewer.protocol.garment import GarmentInfo, SeamInfo
 from flatcloth.viewer.protocol.sent import (
     RC,
     UV,
@@ -96,6 +95,98 @@ class Layers(Grid, frozen=True):
     pieces: tuple[FloatingPiece, ...]
     legends: dict[str, Legend]
     overlay: OverlayInfo | None
+
+
+class GarmentPointInfo(Sent, frozen=True):
+    """A named point of the garment; ``xyz_m`` is None if no view saw its cloth."""
+
+    name: str
+    uv_m: UV
+    std_mm: float
+    seen: bool
+    held: bool
+    xyz_m: Direction | None
+
+
+class Dimension(Sent, frozen=True):
+    """A dimension of the garment and its standard deviation."""
+
+    name: str
+    mm: float
+    std_mm: float
+
+
+class GarmentPiece(Sent, frozen=True):
+    """A floating piece that the garment has a place for, and its outline there."""
+
+    label: str
+    probability: float
+    std_mm: float
+    sure: bool
+    state: Literal["placed", "refused", "proposed"]
+    outline_uv_m: list[list[UV]]
+
+
+class FoundGarment(Sent, frozen=True):
+    """The garment: its kind (None: of no known kind), dimensions, outline and named points.
+
+    ``doubted``: nothing of the shape is reliable until the kind is set.
+    """
+
+    kind: str | None
+    likeliest: str
+    by_hand: bool
+    doubted: bool
+    probabilities: list[tuple[str, float]]
+    dimensions: list[Dimension]
+    outline_uv_m: list[UV]
+    points: list[GarmentPointInfo]
+    upright_rad: float
+    pieces: list[GarmentPiece]
+
+
+class SeamInfo(Sent, frozen=True):
+    """A seam between a piece of this side and one of the other; ``why`` says why it does not join them.
+
+    Pieces by their letters; ``residual_mm`` are the median and the 90 % quantile of the places' residuals.
+    """
+
+    this_piece: str
+    other_piece: str
+    length_mm: float
+    places: int
+    residual_mm: tuple[float, float]
+    this_views: tuple[int, ...]
+    other_views: tuple[int, ...]
+    why: str
+    decided: Literal["cut", "keep"] | None
+
+
+class SeamPlaces(Sent, frozen=True):
+    """Where a seam lies on the sheets of both sides, in space, and how far apart its motion leaves it."""
+
+    this_uv_m: list[UV]
+    other_uv_m: list[UV]
+    xyz_m: list[XYZ]
+    residual_mm: list[float]
+
+
+class SidePlaces(Sent, frozen=True):
+    """The outlines of both sides, each on its own plane, and the places of all seams."""
+
+    this_outline_uv_m: list[list[UV]]
+    other_outline_uv_m: list[list[UV]]
+    seams: list[SeamPlaces]
+
+
+class GarmentInfo(Sent, frozen=True):
+    """What is known of the garment; ``revision`` grows with each answer, ``text`` says why there is none."""
+
+    revision: int
+    working: bool
+    text: str
+    kinds: tuple[str, ...]
+    found: FoundGarment | None
 
 
 class OtherSideInfo(Sent, frozen=True):
@@ -329,7 +420,10 @@ class CaptureStatus(Sent, tag_field="type", tag="capture", frozen=True):
 
 
 class PageState(Sent, tag_field="type", tag="state", frozen=True):
-    """The whole state of the page. What the present mode does not have is None, or the default."""
+    """The state of the page: what the mode does not have is None, or the default.
+
+    A tab is sent the fields that differ from those that it was sent before.
+    """
 
     revision: int
     mode: Literal["session", "camera"]

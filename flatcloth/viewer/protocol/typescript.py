@@ -23,8 +23,8 @@ from flatcloth.viewer.protocol.answers import (
     SeenViews,
     ServerMessage,
 )
-from flatcloth.viewer.protocol.garment import SidePlaces
 from flatcloth.viewer.protocol.messages import KINDS
+from flatcloth.viewer.protocol.state import SidePlaces
 
 _ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews, ItemBox, SidePlaces, JointsInfo)
 """Sent as a binary message, or as the answer of a route."""

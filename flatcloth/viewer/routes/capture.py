@@ -19,7 +19,7 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.rendering.layers import LAYERS
 from flatcloth.viewer.http import RefusedError, as_json, get, read_body
 from flatcloth.viewer.modes.capture import CaptureApplication
-from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
+from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
 
 MAX_BODY_BYTES = 10_000
 """Limit of a request's body. Chosen: far above what the page sends."""

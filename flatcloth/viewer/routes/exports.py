@@ -6,22 +6,18 @@ import asyncio
 import logging
 import re
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.engine.integration import Integration
 from flatcloth.export.by_name import MEDIA, made
 from flatcloth.export.kept import Kept
 from flatcloth.export.session import of_page
 from flatcloth.export.session_data import is_floating_file
-from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.http import RefusedError
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.worker import one_at_a_time
 
 _log = logging.getLogger(__name__)
@@ -38,27 +34,10 @@ class ExportRoutes:
     """Makes exports on its own thread, one at a time, because each uses all processors; the others wait.
 
     When too many wait, the answer is 429. An export is cancelled when its client leaves.
-
-    Parameters
-    ----------
-    integration, folder
-        The session of the page; only read.
-    garments : GarmentService, optional
-        Recognises the garment; that of the page.
-    both : callable, optional
-        Returns the other side if the page shows it.
     """
 
-    def __init__(
-        self,
-        integration: Integration,
-        folder: SessionFolder,
-        garments: GarmentService | None = None,
-        both: Callable[[], BothSides | None] = lambda: None,
-    ) -> None:
-        self._integration = integration
-        self._kept = Kept(garments, both)
-        self._folder = folder
+    def __init__(self, page: PageController) -> None:
+        self._page, self._kept = page, Kept(page.garments, page.both)
         self._pool = ThreadPoolExecutor(1, "flatcloth-export")
         self._clients: set[threading.Event] = set()  # each is set when the client of an export has left
 
@@ -96,7 +75,7 @@ class ExportRoutes:
             left.set()
             self._clients.discard(left)
         # As a download, never shown with the page's origin: its texts come from the recording.
-        stem = re.sub(r"[^A-Za-z0-9._-]+", "-", self._integration.recording.name).strip("-.")[:60]
+        stem = re.sub(r"[^A-Za-z0-9._-]+", "-", self._page.integration.recording.name).strip("-.")[:60]
         headers = {"Content-Disposition": f'attachment; filename="{stem or "flatcloth"}-{name}"'}
         return Response(data, media_type=media, headers=headers)
 
@@ -107,7 +86,7 @@ class ExportRoutes:
 
         try:
             with one_at_a_time(lambda: go_on(0.0, "")):
-                opened = of_page(self._integration, self._folder, go_on, self._kept)
+                opened = of_page(self._page.integration, self._page.folder, go_on, self._kept)
                 go_on(0.0, "")
                 return made(opened, name)
         except CancelledError:

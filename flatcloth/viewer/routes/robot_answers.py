@@ -13,7 +13,6 @@ import flatcloth
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.garment.recognition import KnownGarment
-from flatcloth.engine.integration import Integration
 from flatcloth.export.formats.documents import Grasp
 from flatcloth.export.garment import garment_document
 from flatcloth.garments.recognition import NONE
@@ -71,19 +70,14 @@ class RobotAnswers:
 
     Parameters
     ----------
-    application : PageController
-        The application of the page.
-    integration : Integration
-        Computes its shapes.
+    page : PageController
+        The page.
     base_from_camera : Rigid3, optional
         The hand-eye transform; with it, poses are also given in the frame of the robot.
     """
 
-    def __init__(
-        self, application: PageController, integration: Integration, base_from_camera: Rigid3 | None = None
-    ) -> None:
-        self.application, self.integration = application, integration
-        self.base_from_camera = base_from_camera
+    def __init__(self, page: PageController, base_from_camera: Rigid3 | None = None) -> None:
+        self.page, self.base_from_camera = page, base_from_camera
         self._lock = threading.Lock()
         self._made_of: tuple[Any, ...] = ()
         self._kept: dict[float | None, Present] = {}
@@ -91,11 +85,11 @@ class RobotAnswers:
     def shape(self) -> dict[str, Any]:
         """Return the shape with its garment, or the reason why there is none."""
         picture, document = self.picture()
-        known = self.application.garments.known(document)
+        known = self.page.garments.known(document)
         about = self._shape_of(picture, document)
         shape = {
             "protocol": PROTOCOL,
-            "recording": self.integration.recording.name,
+            "recording": self.page.integration.recording.name,
             **structs.asdict(about),
         }
         if isinstance(known, str):
@@ -106,7 +100,7 @@ class RobotAnswers:
     def grasps(self, rotation_deg: float | None = None) -> dict[str, Any]:
         """Return the document of ``grasps.json`` at a rotation, by default that of the shown view."""
         self.picture()  # refused while nothing is flattened
-        return self.application.grasps(self.base_from_camera, rotation_deg=rotation_deg)
+        return self.page.grasps(self.base_from_camera, rotation_deg=rotation_deg)
 
     def propose(self, pick: ProposedPick, rotation_deg: float | None = None) -> dict[str, Any]:
         """Add the pick that a robot proposes, and return its grasp.
@@ -121,7 +115,7 @@ class RobotAnswers:
         if len(given) + (pick.point is not None) != 1:
             raise FlatclothError("A pick needs one of point, uv_m and position_m.")
         place = given[0] if given else self._named(str(pick.point))
-        number = self.application.propose_pick(place, pick.name or pick.point or "", pick.revision)
+        number = self.page.propose_pick(place, pick.name or pick.point or "", pick.revision)
         document = self.grasps(rotation_deg)
         found = [grasp for grasp in document["grasps"] if grasp["id"] == number]
         if not found:
@@ -129,7 +123,7 @@ class RobotAnswers:
         return {"grasp": found[0], **_frames(document)}
 
     def _named(self, name: str) -> tuple[float, ...]:
-        points = {point.name: point for point in self.application.named_points()}
+        points = {point.name: point for point in self.page.named_points()}
         if name not in points:
             seen = ", ".join(points) or "none"
             raise FlatclothError(f"No view saw a point {name!r:.80}; seen are: {seen}.")
@@ -137,15 +131,15 @@ class RobotAnswers:
 
     def events(self, told: Told) -> Iterator[RobotEvent]:
         """Yield the events that a client misses, and note that they are sent."""
-        yield from news(told, self.integration.recording.name, self.present(told.rotation_deg))
+        yield from news(told, self.page.integration.recording.name, self.present(told.rotation_deg))
 
     def present(self, rotation_deg: float | None) -> Present | None:
         """Return what the page shows, None before the first shape; kept for all robots until it changes."""
-        page = self.application
+        page = self.page
         picture, known = page.picture, page.garments.last
         if picture is None or picture.document is None:
             return None
-        made_of = picture, page.picks, self.integration.axis, dict(page.grips), known
+        made_of = picture, page.picks, self.page.integration.axis, dict(page.grips), known
         with self._lock:
             if not _same(self._made_of, made_of) or len(self._kept) >= _ROTATIONS_KEPT:
                 self._made_of, self._kept = made_of, {}
@@ -160,7 +154,7 @@ class RobotAnswers:
         canonical = None if picture.sheet is None else picture.sheet.canonical
         if known is not None and (canonical is None or not known.is_of(canonical)):
             known = None
-        grasps = self.application.grasps(
+        grasps = self.page.grasps(
             self.base_from_camera, with_garment=known is not None, rotation_deg=rotation_deg
         )
         return Present(
@@ -179,7 +173,7 @@ class RobotAnswers:
         FlatclothError
             If nothing is flattened yet.
         """
-        picture = self.application.picture
+        picture = self.page.picture
         if picture is None or picture.document is None:
             raise FlatclothError("Nothing is flattened yet; step first.")
         return picture, picture.document

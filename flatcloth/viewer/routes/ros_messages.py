@@ -149,18 +149,12 @@ TOPICS: dict[str, Topic] = {
     "/flatcloth/cloud": Topic(
         type="sensor_msgs/PointCloud2",
         part=lambda present: present.shape.revision,
-        make=lambda present, _: _cloud(_shape_view(present)),
+        make=lambda present, _: _cloud(present.picture.pieces("this")[0]),
     ),
     "/flatcloth/image": Topic(
         type="sensor_msgs/CompressedImage",
         part=lambda present: present.shape.revision,
-        make=lambda present, _: _image(_shape_view(present)),
+        make=lambda present, _: _image(present.picture.pieces("this")[0]),
     ),
 }
 """All topics; each is sent when it is subscribed, and whenever its part has changed."""
-
-
-def _shape_view(present: Present) -> FlattenedView:
-    """Return the shape as it is exported, without the floating pieces next to it."""
-    sheet = present.picture.sheet
-    return present.picture.view if sheet is None else sheet.canonical.view

@@ -122,7 +122,7 @@ class RosBridge:
         return [encoded(self._published(name, present)).decode() for name in changed]
 
     def _published(self, name: str, present: Present) -> dict[str, Any]:
-        axis, base = self._answers.integration.axis, self._answers.base_from_camera
+        axis, base = self._answers.page.integration.axis, self._answers.base_from_camera
         message = TOPICS[name].make(present, frame_of(axis, base, present))
         return {"op": "publish", "topic": name, "msg": message}
 

@@ -35,70 +35,55 @@ _EDGE = (255, 210, 60, 255)
 """Color of the edge. Chosen."""
 
 
-class SourceRoutes:
-    """Answers requests for source images, and for the views that saw a pick.
+def source_routes(page: PageController) -> list[BaseRoute]:
+    """Return the routes of the source images, and of the views that saw a pick of a page."""
+    integration = page.integration
+    kept: Cache[Any] = Cache(IMAGES_KEPT)
 
-    Parameters
-    ----------
-    application : PageController
-        Provides the picture and the picks.
-    integration : Integration
-        Reads the views; safe to use from several threads.
-    """
+    def axis_key() -> bytes:
+        return integration.axis.point_m.tobytes() + integration.axis.direction.tobytes()
 
-    def __init__(self, application: PageController, integration: Integration) -> None:
-        self._application, self._integration = application, integration
-        self._kept: Cache[Any] = Cache(IMAGES_KEPT)
-
-    def routes(self) -> list[BaseRoute]:
-        """Return the routes of this object."""
-        return [
-            http.get("/source/{view:int}/color.jpg", self._color, "image/jpeg"),
-            http.get("/source/{view:int}/mask.png", self._mask),
-            http.get("/source/{view:int}/states-{revision:int}.{kind}", self._states, gone=_GONE),
-            http.get("/source/seen/{pick:int}.json", self._seen),
-        ]
-
-    def _color(self, request: Request) -> bytes:
-        return self._image(request, "color", lambda frame: jpeg(frame.color))
-
-    def _mask(self, request: Request) -> bytes:
-        axis, config = self._integration.axis, self._integration.config.surface
-        return self._image(
-            request, "mask", lambda frame: layers.png(mask_rgba(item_mask(frame, axis, config)))
-        )
-
-    def _image(self, request: Request, kind: str, make: Callable[[RgbdFrame], bytes]) -> bytes:
-        view, views = request.path_params["view"], self._integration.views
-        if view >= len(self._integration.recording):
+    def image(request: Request, kind: str, make: Callable[[RgbdFrame], bytes]) -> bytes:
+        view = request.path_params["view"]
+        if view >= len(integration.recording):
             raise http.RefusedError(f"View {view} does not exist.", 404)
-        made: bytes = self._kept.get((kind, view, self._axis_key()), lambda: make(views.frame(view)))
+        made: bytes = kept.get((kind, view, axis_key()), lambda: make(integration.views.frame(view)))
         return made
 
-    def _states(self, request: Request) -> Any:
+    def color(request: Request) -> bytes:
+        return image(request, "color", lambda frame: jpeg(frame.color))
+
+    def mask(request: Request) -> bytes:
+        axis, config = integration.axis, integration.config.surface
+        return image(request, "mask", lambda frame: layers.png(mask_rgba(item_mask(frame, axis, config))))
+
+    def states(request: Request) -> Any:
         view, revision, kind = (request.path_params[name] for name in ("view", "revision", "kind"))
-        picture = self._application.picture
+        picture = page.picture
         document = None if picture is None or picture.revision != revision else picture.document
-        if document is None or view >= len(self._integration.recording) or kind not in ("png", "json"):
+        if document is None or view >= len(integration.recording) or kind not in ("png", "json"):
             return None
-        key = "states", view, revision, self._axis_key()
-        found = self._kept.get(key, lambda: pixel_states(self._integration, document, view))
+        key = "states", view, revision, axis_key()
+        found = kept.get(key, lambda: pixel_states(integration, document, view))
         if kind == "json":
             return state_legend(found.states, found.is_missing)
         return layers.png(state_rgba(found.states, found.is_missing))
 
-    def _seen(self, request: Request) -> Any:
+    def seen(request: Request) -> Any:
         number = request.path_params["pick"]
-        pick = next((p for p in self._application.picks if p.id == number), None)
+        pick = next((p for p in page.picks if p.id == number), None)
         if pick is None:
             raise http.RefusedError(f"Pick {number} is no longer in the list.", 404)
         position, normal = pick.position_held_m, pick.normal_held
-        key = "seen", number, position.tobytes(), self._axis_key()
-        return self._kept.get(key, lambda: views_that_saw(self._integration, position, normal))
+        key = "seen", number, position.tobytes(), axis_key()
+        return kept.get(key, lambda: views_that_saw(integration, position, normal))
 
-    def _axis_key(self) -> bytes:
-        axis = self._integration.axis
-        return axis.point_m.tobytes() + axis.direction.tobytes()
+    return [
+        http.get("/source/{view:int}/color.jpg", color, "image/jpeg"),
+        http.get("/source/{view:int}/mask.png", mask),
+        http.get("/source/{view:int}/states-{revision:int}.{kind}", states, gone=_GONE),
+        http.get("/source/seen/{pick:int}.json", seen),
+    ]
 
 
 def views_that_saw(integration: Integration, position_held_m: Floats, normal_held: Floats) -> SeenViews:

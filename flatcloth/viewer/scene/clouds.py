@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +16,6 @@ from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import piece_color, view_colors
 from flatcloth.rendering.layers import PLAIN, Appearance
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.worker import Worker
 
 MOST_POINTS = 60_000
 """More points are thinned. Chosen for the browser's speed."""
@@ -130,43 +128,3 @@ def dimmed(rgb: Uint8, of_interest: Bool) -> Uint8:
     """Return the colors (N, 3), with points that are not of interest in grey."""
     grey = (0.25 * rgb + 0.75 * _GREY).astype(np.uint8)
     return np.where(of_interest[:, None], rgb, grey)
-
-
-class AllViews:
-    """The points of all views of a recording, read on a thread of its own when they are first wanted.
-
-    Parameters
-    ----------
-    integration : Integration
-        Reads the views.
-    on_ready : callable
-        Called on that thread when points have been read.
-    """
-
-    def __init__(self, integration: Integration, on_ready: Callable[[], None]) -> None:
-        self._integration, self._on_ready = integration, on_ready
-        self._lock = threading.Lock()
-        self._all: tuple[Any, Cloud] | None = None
-        self._wanted: Any = None
-        self._worker = Worker("flatcloth-clouds")
-
-    def stop(self) -> None:
-        """Stop the thread."""
-        self._worker.stop(timeout_s=2.0)
-
-    def cloud(self, axis: RotationAxis, color: str) -> Cloud:
-        """Return the points about an axis, in color or by view; none while they are being read."""
-        key = (axis.point_m.tobytes(), axis.direction.tobytes(), color == "source")
-        with self._lock:
-            if self._all is not None and self._all[0] == key:
-                return self._all[1]
-            if self._wanted != key:
-                self._wanted = key
-                self._worker.put(lambda: self._read(key, color))
-        return NOTHING
-
-    def _read(self, key: Any, color: str) -> None:
-        cloud = all_views(self._integration, color)
-        with self._lock:
-            self._all, self._wanted = (key, cloud), None
-        self._on_ready()

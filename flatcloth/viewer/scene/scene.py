@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import numpy as np
@@ -21,11 +21,18 @@ from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.rendering.layers import PLAIN, Appearance
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.settings import Settings
-from flatcloth.viewer.scene.clouds import ALL, HELD, LIVE, NOTHING, PROPOSAL, AllViews, Cloud, clouds_of
+from flatcloth.viewer.scene.clouds import (
+    ALL,
+    HELD,
+    LIVE,
+    MOST_POINTS,
+    NOTHING,
+    PROPOSAL,
+    Cloud,
+    all_views,
+    clouds_of,
+)
 from flatcloth.viewer.scene.private_viser import PrivateViser
-
-MAX_POINTS = 60_000
-"""More points make the browser slow without showing more."""
 
 FRAME_MARGIN = 1.15
 """Share of the window that the item fills, inverted. Chosen."""
@@ -38,12 +45,15 @@ class Scene:
     ----------
     integration : Integration
         Has the turning axis, the real camera, and all views.
+
+    What takes long is given to ``in_background``; ``on_ray`` gets the clicks.
     """
 
     def __init__(self, integration: Integration) -> None:
         self._axis = integration.axis
         self._recording = integration.recording  # that of an active loop grows
-        self._all_views = AllViews(integration, self._show_again)
+        self._integration = integration
+        self._all: tuple[Hashable, Cloud] = None, NOTHING  # all views, and what their points depend on
         self._color, self._look = "color", PLAIN
         self._axis_span_m = (-0.5, 0.5)
         self._picture: Picture | None = None
@@ -59,6 +69,7 @@ class Scene:
         self._server = self._viser.server
         self.path = self._viser.path
         self.on_ray: Callable[[tuple[float, ...], tuple[float, ...]], None] = lambda _o, _d: None
+        self.in_background: Callable[[Callable[[], None]], None] = lambda job: job()
         self._build(integration)
 
     def _build(self, integration: Integration) -> None:
@@ -88,7 +99,6 @@ class Scene:
 
     def stop(self) -> None:
         """Close the viser server."""
-        self._all_views.stop()
         self._viser.stop()
 
     def visible_points(self) -> Float32:
@@ -122,7 +132,7 @@ class Scene:
         if self._filled.get(LIVE):  # what was seen before there was a picture
             self._fill(LIVE, NOTHING)
         shown = clouds_of(picture, self._axis, len(self._recording), self._color, self._look)
-        shown[ALL] = NOTHING if ALL in self._hidden else self._all_views.cloud(self._axis, self._color)
+        shown[ALL] = NOTHING if ALL in self._hidden else self._of_all_views()
         for name, cloud in shown.items():
             self._fill(name, cloud)
         self._frame_view(picture.angle_deg, picture.present_view)
@@ -140,7 +150,7 @@ class Scene:
         with self._lock, self._server.atomic():
             self._hidden = {node for node, on in wanted.items() if not on}
             if settings.show_all and not self._filled.get(ALL) and self._picture is not None:
-                self._fill(ALL, self._all_views.cloud(self._axis, self._color))
+                self._fill(ALL, self._of_all_views())
             for name, cloud in self._clouds.items():
                 cloud.visible = self._is_visible(name)
             # From where the camera stood, its frustum is a frame around everything.
@@ -163,7 +173,10 @@ class Scene:
     def _fill(self, name: str, cloud: Cloud) -> None:
         self._filled[name] = len(cloud.points_m) > 0
         if len(cloud.points_m):
-            keep = _evenly(len(cloud.points_m))
+            count = len(cloud.points_m)
+            keep: Any = slice(None)
+            if count > MOST_POINTS:
+                keep = np.linspace(0, count - 1, MOST_POINTS).astype(np.intp)
             points, shades = cloud.points_m[keep].astype(np.float32), cloud.colors[keep]
             self._points[name] = points
             if name in self._clouds:
@@ -176,6 +189,23 @@ class Scene:
                 )  # fmt: skip
         if name in self._clouds:
             self._clouds[name].visible = self._is_visible(name)
+
+    def _of_all_views(self) -> Cloud:
+        """Return the points of all views, in color or by view; none while they are being read."""
+        axis, color = self._axis, self._color
+        key = axis.point_m.tobytes(), axis.direction.tobytes(), color == "source"
+
+        def read() -> None:
+            cloud = all_views(self._integration, color)
+            with self._lock:
+                if self._all[0] == key:
+                    self._all = key, cloud
+            self._show_again()
+
+        if self._all[0] != key:
+            self._all = key, NOTHING
+            self.in_background(read)
+        return self._all[1]
 
     def _is_visible(self, name: str) -> bool:
         return self._filled.get(name, False) and name not in self._hidden
@@ -257,9 +287,3 @@ class Scene:
 
     def _axis_points(self, axis: RotationAxis) -> Float64:
         return np.array([[axis.point_m + x * axis.direction for x in self._axis_span_m]])
-
-
-def _evenly(count: int, most: int = MAX_POINTS) -> slice | Any:
-    if count <= most:
-        return slice(None)
-    return np.linspace(0, count - 1, most).astype(np.intp)

@@ -144,12 +144,12 @@ class PageServer:
     @property
     def recording(self) -> str | None:
         """The name of the open recording."""
-        return None if self._now is None else self._now.name
+        return None if self._now is None else self._now.integration.recording.name
 
     @property
     def session(self) -> Path | None:
         """The folder of the open session."""
-        return None if self._now is None else self._now.folder
+        return None if self._now is None else self._now.application.place
 
     @property
     def application(self) -> PageController:
@@ -235,7 +235,7 @@ class PageServer:
         before = self._now
         if chosen.kind == "camera" and before is not None and before.has_camera:
             return
-        opened = self._opener(chosen, None if before is None else before.folder)
+        opened = self._opener(chosen, self.session)
         if opened is None:
             return
         with contextlib.ExitStack() as failed:

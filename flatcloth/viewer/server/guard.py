@@ -17,7 +17,7 @@ import stat
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Self
+from typing import Self
 from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
 from starlette.requests import cookie_parser
@@ -27,6 +27,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from flatcloth.core.errors import ServerError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.session.header import state_folder
+from flatcloth.viewer.http import RefusedError
 
 MAX_PATH_CHARS = 1000
 """Limits of a request. Chosen: far above what the page sends."""
@@ -104,14 +105,6 @@ def is_open(host: str, public: PublicUrl | None) -> bool:
     return not is_loopback(host) or (public is not None and not is_loopback(public.host))
 
 
-class _Refusal(Exception):  # noqa: N818
-    """A refused request; ``status`` is 400 (malformed) or 403 (not allowed)."""
-
-    def __init__(self, status: Literal[400, 403], reason: str) -> None:
-        super().__init__(reason)
-        self.status, self.reason = status, reason
-
-
 class Guard:
     """ASGI middleware that refuses malformed requests, foreign hosts and origins, and missing tokens.
 
@@ -164,11 +157,11 @@ class Guard:
                     "Bearer "
                 )  # of a program, not a browser
                 if not self._is_token(cookie or bearer):
-                    raise _Refusal(403, _NO_TOKEN)
-        except _Refusal as refusal:
+                    raise RefusedError(_NO_TOKEN, 403)
+        except RefusedError as refusal:
             # Closed, so that who has no token holds no connection.
             closing = {"Connection": "close"}
-            answer = PlainTextResponse(refusal.reason, status_code=refusal.status, headers=closing)
+            answer = PlainTextResponse(str(refusal), status_code=refusal.status, headers=closing)
             if scope["type"] == "websocket":  # refused with a text, which closing it would not send
                 await receive()
             await answer(scope, receive, send)
@@ -182,16 +175,16 @@ class Guard:
         reached = str((scope.get("server") or ("",))[0]).lower()
         is_own, public = name in self._names or name == reached, self._public
         if not is_own and (public is None or name != public.host):
-            raise _Refusal(403, f"Refused: {host!r:.80} is not an address of this server. {self._remedy}")
+            raise RefusedError(f"Refused: {host!r:.80} is not an address of this server. {self._remedy}", 403)
         origin = headers.get("origin")
         if origin is not None and (public is None or origin.lower() != public.origin):
             # Only the page at the server's own address has the origin of its Host.
             if not is_own or _split(origin, "Origin").netloc.lower() != host.lower():
                 reason = f"Refused: pages of {origin!r:.80} may not use this server."
-                raise _Refusal(403, f"{reason} {self._remedy}")
+                raise RefusedError(f"{reason} {self._remedy}", 403)
         if origin is None and scope["type"] == "websocket" and "authorization" not in headers:
             # Browsers always send an Origin with a socket, and cannot send this header: a program does.
-            raise _Refusal(403, "Refused: a socket needs an Origin, or 'Authorization: Bearer TOKEN'.")
+            raise RefusedError("Refused: a socket needs an Origin, or 'Authorization: Bearer TOKEN'.", 403)
         # Images, links and frames of other pages have no Origin, but browsers send their site.
         # "same-site" is another port of this computer. A link may open the page itself.
         site = headers.get("sec-fetch-site", "none")
@@ -201,7 +194,7 @@ class Guard:
         )
         framed = headers.get("sec-fetch-dest", "document") != "document"
         if site not in ("none", "same-origin") and (not opened or framed):
-            raise _Refusal(403, "Refused: pages of other addresses may not use this server.")
+            raise RefusedError("Refused: pages of other addresses may not use this server.", 403)
 
     async def _welcome(self, scope: Scope, receive: Receive, send: Send) -> None:
         # To the page, never to the given path: "//host/" would be another server. A proxy may have removed a
@@ -230,7 +223,7 @@ def _single_headers(raw: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
     for key, value in raw:
         name = key.lower()
         if name in _SINGLE and name.decode() in found:
-            raise _Refusal(400, f"Malformed request: two headers {name.decode()}.")
+            raise RefusedError(f"Malformed request: two headers {name.decode()}.", 400)
         found[name.decode("latin-1")] = value.decode("latin-1")
     return found
 
@@ -238,13 +231,13 @@ def _single_headers(raw: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
 def _check_form(scope: Scope, headers: dict[str, str]) -> None:
     """Refuse requests that no browser sends, before any other processing."""
     if not _HOST.fullmatch(headers.get("host", "")):
-        raise _Refusal(400, "Malformed request: no valid Host.")
+        raise RefusedError("Malformed request: no valid Host.", 400)
     if not _ORIGIN.fullmatch(headers.get("origin", "null")):
-        raise _Refusal(400, "Malformed request: no valid Origin.")
+        raise RefusedError("Malformed request: no valid Origin.", 400)
     if len(scope["path"]) > MAX_PATH_CHARS or len(scope["query_string"]) > MAX_QUERY_CHARS:
-        raise _Refusal(400, "Malformed request: the address is too long.")
+        raise RefusedError("Malformed request: the address is too long.", 400)
     if not scope["path"].isprintable() or _LONG_NUMBER.search(scope["path"]):
-        raise _Refusal(400, "Malformed request: not an address of this server.")
+        raise RefusedError("Malformed request: not an address of this server.", 400)
 
 
 def _split(address: str, header: str) -> SplitResult:
@@ -252,7 +245,7 @@ def _split(address: str, header: str) -> SplitResult:
     try:
         return urlsplit(address)
     except ValueError as error:
-        raise _Refusal(400, f"Malformed request: no valid {header}.") from error
+        raise RefusedError(f"Malformed request: no valid {header}.", 400) from error
 
 
 # --- the token: saved for the user, so that an open page reconnects after a restart ---------------

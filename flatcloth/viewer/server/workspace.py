@@ -34,13 +34,13 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.active import active_routes
 from flatcloth.viewer.routes.capture import capture_routes
-from flatcloth.viewer.routes.check import CheckRoutes
+from flatcloth.viewer.routes.check import check_routes
 from flatcloth.viewer.routes.exports import ExportRoutes
-from flatcloth.viewer.routes.layers import LayerRoutes
+from flatcloth.viewer.routes.layers import layer_routes
 from flatcloth.viewer.routes.robot import robot_routes
 from flatcloth.viewer.routes.robot_answers import RobotAnswers
 from flatcloth.viewer.routes.rosbridge import RosBridge
-from flatcloth.viewer.routes.sources import SourceRoutes
+from flatcloth.viewer.routes.sources import source_routes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.relay import relay
 
@@ -77,38 +77,30 @@ class Workspace:
     """Shows an opened source; ``router`` answers the requests about it."""
 
     def __init__(self, opened: Opened) -> None:
-        integration, folder = opened.integration, opened.folder
-        self._opened, self.integration = opened, integration
-        self.scene = Scene(integration)
-        self.hub = Hub()
-        controller = opened.controller or partial(Application, integration, folder)
-        self.application: PageController = controller(self.scene, self.hub)
-        self.scene.on_ray = self.application.click_ray
-        self._teaching = TeachingRoutes(
-            integration,
-            self.application.executor,
-            lambda: self.application.garments.last,
-            lambda: self.application.other_sheet,
-        )
-        self._exports = ExportRoutes(integration, folder, self.application.garments, self.application.both)
-        capture = capture_routes(self.application) if isinstance(self.application, CaptureApplication) else ()
-        active: list[BaseRoute] = []
-        if isinstance(self.application, ActiveApplication):
-            active = active_routes(self.application.service(opened.base_from_camera))
-        robot = self._robot = RobotAnswers(self.application, integration, opened.base_from_camera)
+        self._opened, self.integration = opened, opened.integration
+        self.scene, self.hub = Scene(opened.integration), Hub()
+        controller = opened.controller or partial(Application, opened.integration, opened.folder)
+        page: PageController = controller(self.scene, self.hub)
+        self.application, self.scene.on_ray = page, page.click_ray
+        self._exports = ExportRoutes(page)
+        own: list[BaseRoute] = []
+        if isinstance(page, CaptureApplication):
+            own = capture_routes(page)
+        if isinstance(page, ActiveApplication):
+            own = active_routes(page.service(opened.base_from_camera))
+        robot = self._robot = RobotAnswers(page, opened.base_from_camera)
         self.router = Router(
             redirect_slashes=False,  # they would name the host that a proxy has set
             routes=[
-                *LayerRoutes(lambda: self.application.picture, integration).routes(),
-                *SourceRoutes(self.application, integration).routes(),
-                *CheckRoutes(integration).routes(),
+                *layer_routes(page),
+                *source_routes(page),
+                *check_routes(page),
                 Route("/export/grasps.json", self._grasps),
                 Route("/hand-eye", self._take_hand_eye, methods=["POST"]),
                 Route("/export/{name}", self._exports.serve),
-                Route("/teaching/{part}", self._teaching.serve),
-                *self.application.routes(),
-                *capture,
-                *active,
+                Route("/teaching/{part}", TeachingRoutes(page).serve),
+                *page.routes(),
+                *own,
                 *robot_routes(robot),
                 WebSocketRoute("/robot/rosbridge", RosBridge(robot).serve),
                 WebSocketRoute("/ws", self._messages),
@@ -116,16 +108,6 @@ class Workspace:
                 WebSocketRoute("/viser", lambda browser: relay(browser, self.scene.path)),
             ],
         )
-
-    @property
-    def name(self) -> str:
-        """The name of the recording."""
-        return self.integration.recording.name
-
-    @property
-    def folder(self) -> Path | None:
-        """The folder of the session."""
-        return getattr(self._opened.folder, "folder", None)
 
     def mended(self, mends: Mends) -> Chosen:
         """Return the open recording as a place to open, with more mends.
@@ -162,13 +144,14 @@ class Workspace:
 
     async def _messages(self, browser: WebSocket) -> None:
         async def receive(key: int, tab: Tab, text: str) -> None:
-            hover = _hover(text)
-            if hover is not None:
-                tab.put(encoded(self.application.pointed_at(hover)).decode())
+            message = messages.parsed(text)
+            # What is under the pointer waits for nobody: it only takes a look at the present picture.
+            if isinstance(message, messages.Hover | messages.HoverRay):
+                tab.put(encoded(self.application.pointed_at(message)).decode())
                 return
             while self.application.is_swamped:  # until then, no further message of this tab is read
                 await asyncio.sleep(_SWAMPED_S)
-            self.application.receive(key, text)
+            self.application.receive(key, message)
 
         await self.hub.serve(browser, self.application.last_state, receive)
 
@@ -196,14 +179,3 @@ async def _no_socket(_request: Request) -> Response:
         status_code=426,
         headers={"Upgrade": "websocket"},
     )
-
-
-def _hover(text: str) -> messages.Hover | messages.HoverRay | None:
-    # Hover read-outs bypass the queue: they only read the present picture.
-    if '"hover' not in text[:200]:
-        return None
-    try:
-        message = messages.parse(text)
-    except FlatclothError:
-        return None  # the application thread reports it
-    return message if isinstance(message, messages.Hover | messages.HoverRay) else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +11,6 @@ from starlette.routing import BaseRoute
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64
-from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.joints import HeldBy, Joint, joints_of
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part, pixels_of_part
@@ -21,9 +18,10 @@ from flatcloth.grasping.visibility import Visibility
 from flatcloth.session.garment import DecideLink
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.answers import HeldByView, JointInfo, JointsInfo
-from flatcloth.viewer.protocol.garment import DecideJoint
-from flatcloth.viewer.protocol.picture import Picture, outline_of, place_in_view
+from flatcloth.viewer.protocol.messages import DecideJoint
+from flatcloth.viewer.protocol.picture import outline_of, place_in_view
 
 MOST_MARKS = 60
 """Marks of a joint in one image, or on the shape. Chosen: a line of them is seen."""
@@ -32,22 +30,10 @@ NO_LINKS = "The method {} does not know how sure its links are."
 
 
 class JointService:
-    """Serves where the parts of the shape are joined.
+    """Serves where the parts of the shape of a page are joined."""
 
-    Parameters
-    ----------
-    integration : Integration
-        The session's; only read.
-    garments : GarmentService
-        Knows the links that no garment allows, if it has recognised one.
-    picture : callable
-        Returns the present picture; called from any thread.
-    """
-
-    def __init__(
-        self, integration: Integration, garments: GarmentService, picture: Callable[[], Picture | None]
-    ) -> None:
-        self._integration, self._garments, self._picture = integration, garments, picture
+    def __init__(self, page: PageController) -> None:
+        self._page = page
         self._found: Cache[tuple[Cloth, list[Joint]]] = Cache(4)
 
     def routes(self) -> list[BaseRoute]:
@@ -70,22 +56,22 @@ class JointService:
         return DecideLink(decided_part(cloth, joint.part, joint.probability, taken_off=asked.cut))
 
     def _document(self, revision: int) -> Document:
-        picture = self._picture()
+        picture = self._page.picture
         if picture is None or picture.document is None or picture.revision != revision:
             raise FlatclothError(CHANGED)
         return picture.document
 
     def _joints(self, document: Document) -> tuple[Cloth, list[Joint]]:
         def find() -> tuple[Cloth, list[Joint]]:
-            cloth = self._integration.cloth(document)
+            cloth = self._page.integration.cloth(document)
             if cloth is None:
-                raise FlatclothError(NO_LINKS.format(self._integration.method))
-            last = self._garments.last
+                raise FlatclothError(NO_LINKS.format(self._page.integration.method))
+            last = self._page.garments.last
             of_this = last is not None and last.cloth is not None and last.cloth.edges is cloth.edges
             doubted = last.links if last is not None and of_this else ()
             return cloth, joints_of(cloth, doubted, document.garment.parts)
 
-        key = document.shape_key, document.garment.parts, id(self._garments.last)
+        key = document.shape_key, document.garment.parts, id(self._page.garments.last)
         return self._found.get(key, find)
 
     def _info(self, request: Request) -> JointsInfo:
@@ -95,7 +81,7 @@ class JointService:
             cloth, joints = self._joints(document)
         except FlatclothError as error:
             return JointsInfo(revision=revision, trouble=str(error))
-        view = self._integration.canonical(document).view
+        view = self._page.integration.canonical(document).view
         shown = []
         for joint in joints:
             own = replace(view, valid=pixels_of_part(view, cloth, joint.part))
@@ -116,7 +102,7 @@ class JointService:
         return JointsInfo(revision=revision, joints=shown)
 
     def _view(self, held: HeldBy) -> HeldByView:
-        recording = self._integration.recording
+        recording = self._page.integration.recording
         median_m, most_m = held.residual_m
         return HeldByView(
             view_index=held.view_index,
@@ -129,7 +115,7 @@ class JointService:
     def _pixels(self, view_index: int, xyz_m: Float64) -> list[tuple[float, float]]:
         """Return the pixels of a view at which places are; those outside the image are left out."""
         normal = np.full(3, np.nan)  # a pair that was seen is seen, whichever way the surface is turned
-        found = [place_in_view(self._integration, view_index, place, normal) for place in xyz_m]
+        found = [place_in_view(self._page.integration, view_index, place, normal) for place in xyz_m]
         inside = [place for place in found if place.visibility is not Visibility.OUTSIDE]
         return [(round(float(place.row), 1), round(float(place.col), 1)) for place in inside]
 
