@@ -161,7 +161,7 @@ def upright_rad(known: KnownGarment | str) -> float:
 
 
 def _turn_rad(known: KnownGarment) -> float:
-    return math.remainder(known.found.upright_from_shape.theta_rad, 2 * math.pi)
+    return math.remainder(known.found.fit.garment_from_piece[0].theta_rad, 2 * math.pi)
 
 
 def drawn(found: Recognition, known: KnownGarment) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -10,6 +9,7 @@ import numpy as np
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
+from flatcloth.core.cache import Cache
 from flatcloth.engine.diagnostics import Reasons, reasons
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.answers import ZAngleLine
@@ -28,7 +28,7 @@ _GONE = "This proposal is no longer shown; a newer state follows."
 
 
 class DiagnosticsService:
-    """Answers with curves, lines and pairs of cloth; the last answer is cached.
+    """Answers with lines and pairs of cloth; the last answer is cached.
 
     Parameters
     ----------
@@ -40,8 +40,7 @@ class DiagnosticsService:
 
     def __init__(self, integration: Integration, picture: Callable[[], Picture | None]) -> None:
         self._integration, self._picture = integration, picture
-        self._lock = threading.Lock()
-        self._last: tuple[tuple[int, int], Reasons] | None = None
+        self._found: Cache[Reasons] = Cache(1)
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this service."""
@@ -52,36 +51,21 @@ class DiagnosticsService:
     def _of(self, picture: Picture) -> Reasons:
         assert picture.overlay is not None
         assert picture.document is not None
+        document = picture.document
         key = picture.revision, picture.overlay.revision
-        with self._lock:
-            if self._last is None or self._last[0] != key:
-                self._last = key, reasons(self._integration, picture.document)
-            return self._last[1]
+        return self._found.get(key, lambda: reasons(self._integration, document))
 
     def _info(self, request: Request) -> DiagnosticsInfo | None:
         key = request.path_params["revision"], request.path_params["overlay"]
         picture = self._picture()
         if picture is None or picture.overlay is None or (picture.revision, picture.overlay.revision) != key:
             return None
-        found, config = self._of(picture), self._integration.planning
-        return diagnostics_info(
-            found, picture, limit_deg=config.z_angle_limit_deg, overlap_cm2=1e4 * config.overlap_area_m2
-        )
-
-
-def diagnostics_info(
-    found: Reasons, picture: Picture, *, limit_deg: float, overlap_cm2: float
-) -> DiagnosticsInfo:
-    """Return the diagnostics for the page: of lines and pairs a selection."""
-    lines = found.correspondence
-    if lines is not None:
-        lines = replace(lines, current=_thinned(lines.current), new=_thinned(lines.new))
-    return DiagnosticsInfo(
-        limit_deg=limit_deg,
-        overlap_cm2=overlap_cm2,
-        reasons=replace(found, correspondence=lines, pairs=None),
-        pairs=_pairs(found, picture),
-    )
+        found = self._of(picture)
+        lines = found.correspondence
+        if lines is not None:
+            lines = replace(lines, current=_thinned(lines.current), new=_thinned(lines.new))
+        shown = replace(found, correspondence=lines, pairs=None)
+        return DiagnosticsInfo(reasons=shown, pairs=_pairs(found, picture))
 
 
 def _pairs(found: Reasons, picture: Picture) -> ShownPairs | None:

@@ -37,7 +37,6 @@ StrokePlaces = Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, m
 """A line of places (u, v) of the flattened plane."""
 BrushRadius = Annotated[float, Meta(gt=0.0, le=MAX_BRUSH_M)]
 StrokeSide = Literal["this", "other"]
-Weights = Annotated[tuple[Annotated[float, Meta(gt=0.0, le=1e6)], ...], Meta(max_length=MAX_PAIRS)]
 
 
 class Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type"):

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from flatcloth.viewer.protocol.fields import Count, Metres, Said
+from flatcloth.viewer.protocol.fields import Count, Metres, Radians, Said
 from flatcloth.viewer.protocol.sent import UV, XYZ, Direction, Sent
 
 
@@ -140,11 +140,15 @@ class DecidePiece(Said, tag="decide_piece", frozen=True, kw_only=True):
 
 
 class DecideJoint(Said, tag="decide_joint", frozen=True, kw_only=True):
-    """Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``."""
+    """Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``.
+
+    What is cut off lies elsewhere if there is a ``place``: a turn and a shift of the plane.
+    """
 
     revision: Count
     index: Annotated[int, Meta(ge=0)]
     cut: bool
+    place: tuple[Radians, Metres, Metres] | None = None
 
 
 class PickPoint(Said, tag="pick_point", frozen=True, kw_only=True):

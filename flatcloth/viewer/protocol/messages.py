@@ -33,7 +33,6 @@ from flatcloth.viewer.protocol.fields import (
     StrokePixels,
     StrokePlaces,
     StrokeSide,
-    Weights,
 )
 from flatcloth.viewer.protocol.garment import (
     DecideJoint,
@@ -114,13 +113,12 @@ class Refine(Said, tag="refine", frozen=True, kw_only=True):
 class Pairs(Said, tag="pairs", frozen=True, kw_only=True):
     """Pairs of points: of the pending view, in its own plane, and of the shape; ``fit`` moves it so.
 
-    ``weights`` one a pair. Without ``fit`` only the residuals are asked for.
+    Without ``fit`` only the residuals are asked for.
     """
 
     view_index: Count
     new_uv_m: Points
     shape_uv_m: Points
-    weights: Weights
     fit: bool = False
 
 
