@@ -102,6 +102,11 @@ const connection = new Connection({
   },
 });
 
+/** Whether there is something to move: the proposal, or the part of a joint. */
+function mayMove() {
+  return Boolean(page.state?.pending || page.joints.held);
+}
+
 /** @type {Send} */
 function send(message) {
   const sent = connection.send(message);
@@ -112,7 +117,7 @@ function send(message) {
 
 function takeNote(/** @type {Note} */ message) {
   notify(message.level, message.text, message.time_s);
-  if (!nudges.gesture) canvas.resetPreview(); // what was just refused may have been a move
+  if (!nudges.gesture && page.state?.pending) canvas.resetPreview(); // what was just refused may have been a move
 }
 
 // --- show --------------------------------------------------------------------------------------
@@ -182,6 +187,7 @@ function run(/** @type {string} */ name, large = false) {
   if (name.startsWith("teach_")) return notify("info", "Open the teaching mode first (H).");
   if (name === "cancel" && page.offer("escape")) return;
   const action = page.action(name);
+  if (isMove(name) && page.joints.held) return nudges.move(name, large ? 10 : 1);
   if (action.why_not !== null) {
     // Escape closes things all the time; it needs no lecture.
     if (name !== "cancel") notify("warning", action.why_not);
@@ -241,7 +247,7 @@ const PAGE_ACTIONS = {
   },
   export: () => showExports(notify, page.state),
   palette() {
-    const modes = ["", modesNow()[0]];
+    const modes = ["", ...modesNow().slice(0, page.joints.held ? 2 : 1)];
     const known = page.state.actions.filter((a) => a.name !== "palette" && modes.includes(a.mode));
     const parts = column.parts.filter(([part]) => !page.action(part));
     const rows = parts.map(([name, title]) => ({ ...known[0], name, title, ...PART, why_not: null }));
@@ -256,6 +262,7 @@ const PAGE_ACTIONS = {
 /** The modes whose keys come first, the uppermost first. */
 const modesNow = () => [
   ...(teaching?.open ? ["teaching"] : []),
+  ...(page.joints.held ? ["joint"] : []),
   ...(page.state.capture || page.state.active ? ["capture"] : []),
   ...(page.hasCamera ? [] : ["session"]),
 ];
@@ -273,7 +280,7 @@ onTheme(() => page.redrawMarks()); // their colours are those of the theme
 applyTheme();
 startTips();
 answerDrops();
-startScene(startKeys({ state: () => page.state, modes: modesNow, run }));
+startScene(startKeys({ state: () => page.state, modes: modesNow, mayMove, run }));
 page.each("hovered", null);
 
 // For tests: the state, what is shown, and each panel's status, or the panel itself, by its name.

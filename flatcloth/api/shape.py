@@ -17,7 +17,7 @@ from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Rotation
 from flatcloth.engine.headless import ViewDecision
 from flatcloth.engine.outcome import lines_of as outcome_lines
 from flatcloth.engine.outcome import other_side_lines
-from flatcloth.engine.results.joints import Joint, alternatives, joints_of
+from flatcloth.engine.results.joints import Alternative, Joint, alternatives, joints_of, with_places
 from flatcloth.export.data import this_from_other
 from flatcloth.export.garment import garment_points, other_points
 from flatcloth.export.garment import lines_of as garment_lines
@@ -145,12 +145,12 @@ class Shape:
 
         Empty with the method ``paper``, which weighs no evidence.
         """
-        document = self.data.document
-        cloth = self.data.integration.cloth(document)
-        return [] if cloth is None else joints_of(cloth, decisions=document.garment.parts)
+        cloth = self.data.integration.cloth(self.data.document)
+        found = [] if cloth is None else joints_of(cloth, decisions=self.data.document.garment.parts)
+        return found if cloth is None else with_places(found, cloth, self.data.garment)
 
-    def alternatives(self) -> list[tuple[float, Joint | None]]:
-        """Return what the shape may be, with probabilities: None as it is; a joint, if that is false."""
+    def alternatives(self) -> list[Alternative]:
+        """Return what the shape may be, with probabilities: as it is, or with a part at another place."""
         return alternatives(self.joints())
 
     def garment(self) -> Recognition:

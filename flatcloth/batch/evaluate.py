@@ -8,9 +8,8 @@ from typing import Any
 
 from flatcloth.api.integrating import Sides, integrate
 from flatcloth.api.shape import Shape
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
-from flatcloth.engine.evaluation import Comparison, compare, picture
+from flatcloth.engine.evaluation import compare
 from flatcloth.engine.garment.truth import compare_garment, read_true_points
 from flatcloth.engine.results.sides_truth import compare_sides
 from flatcloth.export.session_data import SessionData
@@ -21,7 +20,6 @@ from flatcloth.recordings.truth import Truth
 def evaluate_one(
     source: str,
     method: str,
-    pictures: Path | None = None,
     progress: Progress = no_progress,
     sides: Sides = "one",
 ) -> dict[str, Any]:
@@ -33,8 +31,6 @@ def evaluate_one(
         A synthetic recording.
     method : str
         Way of integrating.
-    pictures : Path, optional
-        Folder for a picture of the result next to its ground truth.
     progress : callable
         Called with the progress.
     sides : str
@@ -43,14 +39,12 @@ def evaluate_one(
     Raises
     ------
     FlatclothError
-        If it cannot be read or integrated, has no truth, or the picture cannot be written.
+        If it cannot be read or integrated, or has no truth.
     """
     recording = open_recording(source)
     truth = Truth(recording.location)
     shape = integrate(recording, method=method, progress=progress, cores=1, sides=sides)
     comparison = compare(shape.view, truth, recording)
-    if pictures is not None:
-        _write_picture(pictures, recording.name, comparison)
     return {
         "recording": recording.name,
         "method": method,
@@ -83,12 +77,3 @@ def _garment(data: SessionData, recording: Recording, truth: Truth) -> dict[str,
     canonical = known.canonical
     compared = compare_garment(known.found, canonical.view, canonical.floating, truth, points, data.sides)
     return {"garment": dataclasses.asdict(compared)}
-
-
-def _write_picture(folder: Path, name: str, comparison: Comparison) -> None:
-    import cv2
-
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{name}.png"
-    if not cv2.imwrite(str(file), picture(comparison)[..., ::-1]):
-        raise FlatclothError(f"{file}: cannot be written; choose another folder.")

@@ -48,14 +48,7 @@ def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     ``spent`` in the answer means that the process must not be used again.
     """
     if question["job"] == "evaluate":
-        pictures = question["pictures"]
-        return evaluate_one(
-            question["source"],
-            question["method"],
-            None if pictures is None else Path(pictures),
-            progress,
-            question["sides"],
-        )
+        return evaluate_one(question["source"], question["method"], progress, question["sides"])
     task, out = Task.from_dict(question["task"]), Path(question["out"])
     return _to_row(task, out / task.name, question, progress)
 

@@ -18,7 +18,7 @@ from flatcloth.core.errors import FlatclothError
 SUMMARY = "integrate unattended and compare with the truth"
 EXAMPLES = """examples:
   flatcloth evaluate my-recordings/*
-  flatcloth evaluate shirt-sleeve-clean --json figures.json --pictures pictures"""
+  flatcloth evaluate shirt-sleeve-clean --json figures.json"""
 
 
 @dataclass(kw_only=True)
@@ -35,7 +35,6 @@ class Options(Output, Engine, Sides, Method):
     jobs: int | None = option(
         "recordings at the same time, on this machine", "N", 1, either="engine", read=JOBS
     )
-    pictures: Path | None = option("write a picture of each result next to its truth to DIR", "DIR")
 
 
 def run(options: Options) -> None:
@@ -93,7 +92,7 @@ def _one_by_one(options: Options) -> Iterator[dict[str, Any]]:
 
     for source in options.sources:
         with ProgressBar(Path(source).name) as bar:
-            row = evaluate_one(source, options.method, options.pictures, bar.show, options.sides)
+            row = evaluate_one(source, options.method, bar.show, options.sides)
         yield row
 
 
@@ -107,7 +106,6 @@ def _together(options: Options) -> Iterator[dict[str, Any]]:
             "source": str(Path(source).absolute()) if Path(source).exists() else source,
             "method": options.method,
             "sides": options.sides,
-            "pictures": None if options.pictures is None else str(options.pictures.absolute()),
         }
         for source in options.sources
     ]

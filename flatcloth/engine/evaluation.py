@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import cv2
 import numpy as np
 from scipy import ndimage
 
 from flatcloth.core.errors import EvaluationError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Floats, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Floats
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import TrueView
 from flatcloth.shape.shape import RELIABLE_M
@@ -74,20 +73,15 @@ class Evaluation:
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """An evaluation with the data for a picture of it.
+    """An evaluation, and what it was made of.
 
     ``flat_uv_m`` (K, 2) the pixels of the result, aligned to the truth; ``true_uv_m`` (K, 2) their
-    true positions; ``rgb`` (K, 3); ``reachable_cells`` and ``placed_cells`` (R, C) with
-    ``cell_origin_uv_m``; ``std_mm`` (K,) the claimed standard deviations, NaN if there are none.
+    true positions; ``std_mm`` (K,) the claimed standard deviations, NaN if there are none.
     """
 
     evaluation: Evaluation
     flat_uv_m: Float64
     true_uv_m: Float64
-    rgb: Uint8
-    reachable_cells: Bool
-    placed_cells: Bool
-    cell_origin_uv_m: Float64
     std_mm: Float64
 
 
@@ -140,10 +134,6 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
         evaluation=evaluation,
         flat_uv_m=fitted,
         true_uv_m=true_uv,
-        rgb=view.rgb[view.valid][known],
-        reachable_cells=reachable,
-        placed_cells=placed,
-        cell_origin_uv_m=origin,
         std_mm=_std_mm(view, known),
     )
 
@@ -233,40 +223,6 @@ def reachable_cells(recording: Recording, truth: Truth) -> tuple[Bool, Float64]:
     sizes[0] = 0
     largest: Bool = labels == sizes.argmax()
     return largest, low * CELL_M
-
-
-def picture(comparison: Comparison, pixels_per_m: float = 400.0) -> Uint8:
-    """Return (H, W, 3) RGB: the result, the truth with its colors, and the error, side by side."""
-    both = np.concatenate([comparison.flat_uv_m, comparison.true_uv_m])
-    low = both.min(axis=0) - 0.02
-    shape = tuple(np.ceil((both.max(axis=0) + 0.02 - low) * pixels_per_m).astype(int)[::-1])
-    error = np.linalg.norm(comparison.flat_uv_m - comparison.true_uv_m, axis=1)
-    level = np.clip(error / FAR_M * 255, 0, 255).astype(np.uint8)
-    heat = cv2.applyColorMap(level[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
-    background = np.full((*shape, 3), 24, dtype=np.uint8)
-    reachable = cv2.resize(
-        comparison.reachable_cells.astype(np.uint8) * 40,
-        None,
-        fx=CELL_M * pixels_per_m,
-        fy=CELL_M * pixels_per_m,
-        interpolation=cv2.INTER_NEAREST,
-    )
-    at = np.rint((comparison.cell_origin_uv_m - low) * pixels_per_m).astype(int)
-    panels = []
-    for points, colors in (
-        (comparison.flat_uv_m, comparison.rgb),
-        (comparison.true_uv_m, comparison.rgb),
-        (comparison.true_uv_m, heat),
-    ):
-        panel = background.copy()
-        r0, c0 = max(at[1], 0), max(at[0], 0)
-        shown = reachable[r0 - at[1] :, c0 - at[0] :]
-        part = panel[r0 : r0 + shown.shape[0], c0 : c0 + shown.shape[1]]
-        part += shown[: part.shape[0], : part.shape[1], None]
-        place = np.rint((points - low) * pixels_per_m).astype(int)
-        panel[place[:, 1], place[:, 0]] = colors
-        panels.append(panel)
-    return np.concatenate(panels, axis=1)
 
 
 def look_up(view: FlattenedView, truth: Truth) -> Float32:

@@ -56,8 +56,8 @@ class PairFit:
         return float(np.sqrt(np.square(self.fitted_m).mean()))
 
 
-def fit_pairs(new_uv_m: Float64, shape_uv_m: Float64, weight: Float64) -> PairFit:
-    """Fit a rigid motion of the plane to pairs of points, by weighted least squares.
+def fit_pairs(new_uv_m: Float64, shape_uv_m: Float64) -> PairFit:
+    """Fit a rigid motion of the plane to pairs of points, by least squares.
 
     Parameters
     ----------
@@ -65,8 +65,6 @@ def fit_pairs(new_uv_m: Float64, shape_uv_m: Float64, weight: Float64) -> PairFi
         Points of the proposal at its present placement.
     shape_uv_m : (N, 2) float64
         Their target positions.
-    weight : (N,) float64
-        Weight of each pair, positive.
 
     Raises
     ------
@@ -78,7 +76,7 @@ def fit_pairs(new_uv_m: Float64, shape_uv_m: Float64, weight: Float64) -> PairFi
     for points in (new_uv_m, shape_uv_m):
         if np.ptp(points, axis=0).max() < _LEAST_SPREAD_M:
             raise AlignmentError("The points of the pairs coincide; pick pairs farther apart.")
-    by = fit_rigid2(new_uv_m, shape_uv_m, weight)
+    by = fit_rigid2(new_uv_m, shape_uv_m)
     return PairFit(
         by=by,
         residual_m=np.linalg.norm(new_uv_m - shape_uv_m, axis=1),

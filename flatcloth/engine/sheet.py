@@ -7,7 +7,7 @@ reliable place stay where they are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -38,6 +38,8 @@ _NEAR_M = 1.0
 FLOATS = "Nothing seen connects it to the shape."
 PLACED = "Placed by the garment or by seams with the other side: no view connects it."
 TAKEN_OFF = "Taken off the shape: no garment or seam allows it where it was joined."
+BY_HAND = "Cut off the shape by hand."
+PLACED_BY_HAND = "Placed by hand: no view connects it."
 LOOSE = "A narrow neck or weak overlaps connect it to the shape: its place is not reliable."
 
 
@@ -176,10 +178,15 @@ def order_of(floating: Sequence[FlattenedView]) -> list[int]:
     return sorted(range(len(floating)), key=lambda n: -floating[n].area_m2)
 
 
-def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyType({})) -> Sheet:
+def lay_out(
+    canonical: Canonical,
+    placed: Mapping[int, Rigid2] = MappingProxyType({}),
+    by_hand: Collection[int] = (),
+) -> Sheet:
     """Lay out the floating pieces of a canonical view next to it.
 
-    ``placed`` are motions onto the shape of those that the garment places, by their index in ``floating``.
+    ``placed`` are motions onto the shape of those that have a place on it, by their index in ``floating``;
+    ``by_hand`` those that the operator placed, or cut off.
     """
     main = canonical.view
     low, high = _box(main)
@@ -191,25 +198,15 @@ def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyTyp
         shown = np.unique(view.view_index[view.valid])
         views = tuple(int(v) for v in shown if v >= 0)
         motion = placed.get(index)
-        if motion is not None:
-            pieces.append(
-                SheetPiece(
-                    label=label_of(n + 1),
-                    number=index + 1,
-                    view=_moved(view, motion, main),
-                    shift_m=(0.0, 0.0),
-                    reason=PLACED,
-                    views=views,
-                    placed=motion,
-                )
-            )
-            continue
         own_low, own_high = _box(view)
         middle = (own_low + own_high) / 2
         off = index in canonical.taken_off
         near = not off and bool((middle > low - _NEAR_M).all() and (middle < high + _NEAR_M).all())
+        reason = (BY_HAND if index in by_hand else TAKEN_OFF) if off else LOOSE if near else FLOATS
         shift = (0.0, 0.0)
-        if not near:
+        if motion is not None:
+            view, reason = _moved(view, motion, main), PLACED_BY_HAND if index in by_hand else PLACED
+        elif not near:
             size = own_high - own_low
             if top > low[1] and top + size[1] > low[1] + height:
                 left, top, wide = left + wide + GAP_M, float(low[1]), 0.0
@@ -219,15 +216,16 @@ def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyTyp
             step = step + between - np.rint(between / main.pixel_size_m) * main.pixel_size_m
             shift = (float(step[0]), float(step[1]))
             top, wide = top + float(size[1]) + GAP_M, max(wide, float(size[0]))
-        origin = (view.origin_uv_m[0] + shift[0], view.origin_uv_m[1] + shift[1])
+            view = replace(view, origin_uv_m=(view.origin_uv_m[0] + shift[0], view.origin_uv_m[1] + shift[1]))
         pieces.append(
             SheetPiece(
                 label=label_of(n + 1),
                 number=index + 1,
-                view=replace(view, origin_uv_m=origin),
+                view=view,
                 shift_m=shift,
-                reason=TAKEN_OFF if off else LOOSE if near else FLOATS,
+                reason=reason,
                 views=views,
+                placed=motion,
             )
         )
     joined, piece = _joined(main, [p.view for p in pieces])
@@ -242,10 +240,11 @@ def sheet_of(
     ``before`` is returned if nothing on it has changed.
     """
     decided = decided_pieces(document.garment, canonical.view, canonical.floating)
-    placed = decided.with_laid(laid).shape_from_piece
+    decided = decided.with_laid(laid)
+    placed = decided.shape_from_piece
     if before is not None and before.canonical is canonical and before.placed == placed:
         return before
-    return lay_out(canonical, placed)
+    return lay_out(canonical, placed, decided.by_hand)
 
 
 def with_placed_pieces(canonical: Canonical, pieces: DecidedPieces) -> Canonical:

@@ -161,7 +161,7 @@ def upright_rad(known: KnownGarment | str) -> float:
 
 
 def _turn_rad(known: KnownGarment) -> float:
-    return math.remainder(known.found.upright_from_shape.theta_rad, 2 * math.pi)
+    return math.remainder(known.found.fit.garment_from_piece[0].theta_rad, 2 * math.pi)
 
 
 def drawn(found: Recognition, known: KnownGarment) -> dict[str, Any]:
@@ -188,13 +188,13 @@ def outcome_entry(known: KnownGarment | str) -> dict[str, Any]:
     """Return the entry ``garment`` of ``outcome.json``."""
     if isinstance(known, str):
         return {"kind": None, "reason": known}
-    found = known.found
+    found, placed, hand = known.found, {*known.pieces.shape_from_piece}, known.pieces.by_hand
     return {
         "kind": None if found.kind == NONE else found.kind,
         "by_hand": found.by_hand is not None,
         "probability": round(found.probabilities[found.kind], 4),
-        "placed_by_the_garment": [floating_file(n + 1) for n in sorted(known.pieces.shape_from_piece)],
-        "taken_off_by_the_garment": [floating_file(n + 1) for n in sorted(known.canonical.taken_off)],
+        "placed_by_the_garment": [floating_file(n + 1) for n in sorted(placed - hand)],
+        "taken_off_by_the_garment": [floating_file(n + 1) for n in sorted(known.canonical.taken_off - hand)],
         "doubted_links": [
             {"part_cm2": round(1e4 * link.area_m2, 1), "probability": round(link.probability, 4)}
             for link in known.links
@@ -228,14 +228,14 @@ def lines_of(known: KnownGarment | str) -> list[str]:
         f"Dimensions in mm: {sizes}.",
         *_doubts(known),
     ]
-    placed = sorted(known.pieces.shape_from_piece)
+    placed = sorted(known.pieces.shape_from_piece.keys() - known.pieces.by_hand)
     if placed:
         lines.append(f"Floating pieces placed by the garment: {', '.join(str(n + 1) for n in placed)}.")
     return lines
 
 
 def _doubts(known: KnownGarment) -> list[str]:
-    off = ", ".join(str(n + 1) for n in sorted(known.canonical.taken_off))
+    off = ", ".join(str(n + 1) for n in sorted(known.canonical.taken_off - known.pieces.by_hand))
     taken = (
         [f"Floating pieces taken off the shape, where no garment or seam allows them: {off}."] if off else []
     )

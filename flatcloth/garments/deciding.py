@@ -31,12 +31,14 @@ _LEAST_FOUND = 0.5  # by definition: most of the points of a decision, or its cl
 class DecidedPieces:
     """Decisions about floating pieces, by their index: where those placed lie, and which were refused.
 
-    ``std_m`` are the standard deviations of the places.
+    ``std_m`` are the standard deviations of the places; ``by_hand`` the pieces that the operator placed, or
+    cut off the shape.
     """
 
     shape_from_piece: dict[int, Rigid2]
     refused: frozenset[int]
     std_m: dict[int, float] = field(default_factory=dict)
+    by_hand: frozenset[int] = frozenset()
 
     def with_laid(self, laid: Sequence[LaidPiece]) -> DecidedPieces:
         """Return these with the pieces that seams lay, each where it is known better."""
@@ -45,6 +47,7 @@ class DecidedPieces:
             self,
             shape_from_piece=self.shape_from_piece | {each.index: each.shape_from_piece for each in surer},
             std_m=self.std_m | {each.index: each.std_m for each in surer},
+            by_hand=self.by_hand - {each.index for each in surer},
         )
 
 
@@ -157,12 +160,18 @@ def decided_pieces(
     motions: dict[int, Rigid2] = {}
     std_m: dict[int, float] = {}
     refused: set[int] = set()
-    trees = [cKDTree(piece.xyz_m[piece.valid]) for piece in floating] if decisions.pieces else []
-    for decision in decisions.pieces:
-        points = np.array(decision.piece.points_m)
+    is_any = decisions.pieces or decisions.parts
+    trees = [cKDTree(piece.xyz_m[piece.valid]) for piece in floating] if is_any else []
+
+    def index_of(cloth: ClothPlaces) -> int:
+        points = np.array(cloth.points_m)
         shares = [float((tree.query(points)[0] <= POINT_NEAR_M).mean()) for tree in trees]
-        index = int(np.argmax(shares)) if shares else -1
-        if index < 0 or shares[index] < _LEAST_FOUND:
+        return int(np.argmax(shares)) if max(shares, default=0.0) >= _LEAST_FOUND else -1
+
+    by_hand = {index_of(each.part) for each in decisions.parts if each.taken_off and each.by_hand}
+    for decision in decisions.pieces:
+        index = index_of(decision.piece)
+        if index < 0:
             continue  # seen views join it to the shape by now
         moved = _now_from_then(decision.shape, shape)
         own = _now_from_then(decision.piece, floating[index])
@@ -173,7 +182,10 @@ def decided_pieces(
         elif moved is not None and own is not None:
             motions[index] = moved @ own.inverse()
             std_m[index] = decision.std_m or KNOWN_STD_M
-    return DecidedPieces(shape_from_piece=motions, refused=frozenset(refused), std_m=std_m)
+            (by_hand.add if decision.by_hand else by_hand.discard)(index)
+    return DecidedPieces(
+        shape_from_piece=motions, refused=frozenset(refused), std_m=std_m, by_hand=frozenset(by_hand)
+    )
 
 
 def _cloth_of(view: FlattenedView) -> ClothPlaces:
@@ -223,6 +235,13 @@ def decided_part(
     )
 
 
+def placed_by_hand(taken_off: DoubtedPart, shape_from_part: Rigid2) -> PlacedPiece:
+    """Return the decision that a part that is taken off lies elsewhere on the shape, moved by so much."""
+    laid = shape_from_part.apply(np.array(taken_off.part.uv_m)).tolist()
+    there = replace(taken_off.part, uv_m=tuple((u, v) for u, v in laid))
+    return PlacedPiece(accepted=True, piece=there, shape=taken_off.rest, probability=1.0, by_hand=True)
+
+
 def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
     """Return the samples (N,) of a decided part on a shape as it is now; None if it is not on it."""
     placed = np.flatnonzero(cloth.placed)
@@ -250,6 +269,7 @@ def decided_parts(pieces: Sequence[Cloth], decisions: Sequence[DoubtedPart]) -> 
     return DecidedParts(
         taken_off=[part for decision, part in last if decision.taken_off],
         kept=[part for decision, part in last if not (decision.taken_off or decision.std_m)],
+        cut=[part for decision, part in last if decision.taken_off and decision.by_hand],
     )
 
 

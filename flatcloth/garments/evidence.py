@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,6 +21,8 @@ from flatcloth.garments.true_edges import FARTHEST_M, SeenFrom, true_edges
 LEAST_AREA_M2 = LEAST_ITEM_M2
 """Less cloth does not distinguish kinds, and is not placed."""
 INSIDE_M = 3 * SPACING_M  # by definition: spacing of the places inside the piece
+_EDGES = ("edge_uv_m", "edge_normal", "edge_std_m", "edge_trust")
+_INSIDES = ("inside_uv_m", "inside_std_m", "inside_xyz_m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,15 +101,11 @@ class PieceEvidence:
         for (row, col), sheet in ((-first, self), (at - first, its)):
             box = depth_m[row : row + sheet.depth_m.shape[0], col : col + sheet.depth_m.shape[1]]
             np.maximum(box, sheet.depth_m, out=box)
+        names, both = _EDGES + _INSIDES, (own, its)
+        joined: dict[str, Any] = {name: np.concatenate([getattr(e, name) for e in both]) for name in names}
         return replace(
             own,
-            edge_uv_m=np.concatenate([own.edge_uv_m, its.edge_uv_m]),
-            edge_normal=np.concatenate([own.edge_normal, its.edge_normal]),
-            edge_std_m=np.concatenate([own.edge_std_m, its.edge_std_m]),
-            edge_trust=np.concatenate([own.edge_trust, its.edge_trust]),
-            inside_uv_m=np.concatenate([own.inside_uv_m, its.inside_uv_m]),
-            inside_std_m=np.concatenate([own.inside_std_m, its.inside_std_m]),
-            inside_xyz_m=np.concatenate([own.inside_xyz_m, its.inside_xyz_m]),
+            **joined,
             depth_m=depth_m,
             depth_origin_uv_m=self.depth_origin_uv_m + first[::-1] * pixel_m,
             alone=self,
@@ -153,16 +152,8 @@ class PieceEvidence:
 
     def _chosen(self, edges: Bool | slice, insides: Bool | slice) -> PieceEvidence:
         """Return the evidence with some true edges (E,) and places with cloth (I,) only."""
-        return replace(
-            self,
-            edge_uv_m=self.edge_uv_m[edges],
-            edge_normal=self.edge_normal[edges],
-            edge_std_m=self.edge_std_m[edges],
-            edge_trust=self.edge_trust[edges],
-            inside_uv_m=self.inside_uv_m[insides],
-            inside_std_m=self.inside_std_m[insides],
-            inside_xyz_m=self.inside_xyz_m[insides],
-        )
+        chosen: dict[str, Any] = {name: getattr(self, name)[edges] for name in _EDGES}
+        return replace(self, **chosen, **{name: getattr(self, name)[insides] for name in _INSIDES})
 
     def thinned(self, step: int) -> PieceEvidence:
         """Return every ``step``-th true edge and place with cloth only."""

@@ -113,9 +113,8 @@ def coarse_poses(outline: Float64, piece: PieceEvidence, count: int) -> list[tup
 
 def are_apart(one: Rigid2, other: Rigid2, piece: PieceEvidence) -> bool:
     """Return whether two motions of a piece lead to different places."""
-    turned = _turn(one.theta_rad) - _turn(other.theta_rad)
-    u, v = turned @ piece.inside_uv_m.T + np.array([[one.u_m - other.u_m], [one.v_m - other.v_m]])
-    return float(np.hypot(u, v).mean()) > APART_M
+    off_m = np.linalg.norm(one.apply(piece.inside_uv_m) - other.apply(piece.inside_uv_m), axis=1)
+    return float(off_m.mean()) > APART_M
 
 
 def thinned(count: int) -> Int64:
@@ -182,11 +181,6 @@ def robust_weight(z: Float64) -> Float64:
     return weight
 
 
-def _turn(angle_rad: float) -> Float64:
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[cos, -sin], [sin, cos]])
-
-
 def refine(
     kind: Kind,
     pieces: tuple[PieceEvidence, ...],
@@ -248,7 +242,7 @@ def crossing_energy(outline: Float64, pieces: tuple[PieceEvidence, ...], poses: 
     places = outline[side] + share[:, None] * (following[side] - outline[side])
     energy = 0.0
     for piece, pose in zip(pieces, poses, strict=True):
-        depth_m = piece.depth_at((places - pose[1:]) @ _turn(pose[0]))
+        depth_m = piece.depth_at(Rigid2(*pose).inverse().apply(places))
         energy += float(bounded_cost(depth_m - SPACING_M, OUTLINE_STD_M).sum())
     return SPACING_M / CORRELATED_M * energy
 

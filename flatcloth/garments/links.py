@@ -12,13 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.special import expit
 
 from flatcloth.core.graphs import cut_between
-from flatcloth.core.types import Bool, Float64, Int64
+from flatcloth.core.types import Bool, Int64, Rigid2
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
 from flatcloth.garments.fit import APART_M, TEMPERATURE, Fit, refine
@@ -33,25 +34,35 @@ WEAK_EVIDENCE = 2.0
 links have 0.2 to 1.8, right ones 0.2 and more, most of them more than this (docs/garments.md)."""
 
 
+class GarmentPlace(NamedTuple):
+    """Where else a part belongs by a garment: the motion there, how far it moves (the farthest of it), how
+    probable it is against other places; and the evidence of that garment, with the part there.
+    """
+
+    shape_from_part: Rigid2
+    moved_m: float
+    probability: float
+    log_evidence: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class DoubtedLink:
     """A part of the shape that no garment allows where it is joined.
 
     ``part`` (N,) are its samples; ``probability`` that the link is right; ``area_m2`` of the part;
-    ``moved_m`` how far off the garment has another place for it (the farthest of it), 0 if it has none;
-    ``evidence`` that joins it, for each row of samples along the seam.
+    ``evidence`` that joins it, for each row of samples along the seam; ``place`` where else it belongs.
     """
 
     part: Bool
     probability: float
     area_m2: float
-    moved_m: float = 0.0
     evidence: float = 0.0
+    place: GarmentPlace | None = None
 
     @property
     def std_m(self) -> float:
         """Root mean square error of where the part is shown: joined, and elsewhere if that is wrong."""
-        return math.sqrt(1.0 - self.probability) * self.moved_m
+        return 0.0 if self.place is None else math.sqrt(1.0 - self.probability) * self.place.moved_m
 
 
 def is_offered(link: DoubtedLink) -> bool:
@@ -85,15 +96,16 @@ def doubted_links(fits: Sequence[Fit], main: PieceEvidence, cloth: Cloth) -> lis
         own, rest = split(main, cloth, part)
         if own.area_m2 < LEAST_AREA_M2:
             continue
-        apart, moved_m = _apart(fits, rest, own)
+        place = place_elsewhere(fits, rest, own)
+        apart = -math.inf if place is None else place.log_evidence
         chance = float(expit((together - apart) / TEMPERATURE))
         found.append(
             DoubtedLink(
                 part=part,
                 probability=chance,
                 area_m2=own.area_m2,
-                moved_m=moved_m,
                 evidence=evidence_per_row(cloth, part),
+                place=place,
             )
         )
     return sorted(found, key=lambda link: link.probability)
@@ -170,9 +182,9 @@ def split(main: PieceEvidence, cloth: Cloth, part: Bool) -> tuple[PieceEvidence,
     return main.part(edges, insides, pixels[there]), main.part(~edges, ~insides, pixels[~there])
 
 
-def _apart(fits: Sequence[Fit], rest: PieceEvidence, own: PieceEvidence) -> tuple[float, float]:
-    """Return the evidence of the rest with the part where else it belongs (best kind), and how far off."""
-    best, moved_m = -math.inf, 0.0
+def place_elsewhere(fits: Sequence[Fit], rest: PieceEvidence, own: PieceEvidence) -> GarmentPlace | None:
+    """Return where else than joined a part belongs by the best kind of garment, None if nowhere."""
+    best: GarmentPlace | None = None
     for fit in fits:
         begun = [fit, *(other for _, other in fit.others)]
         alone = max(
@@ -185,16 +197,10 @@ def _apart(fits: Sequence[Fit], rest: PieceEvidence, own: PieceEvidence) -> tupl
                 fit.kind, (rest, own), placed.fit.parameters, placed.fit.garment_from_piece,
                 annealed=(1.0,),
             )  # fmt: skip
-            off_m, evidence = _moved_m(both, own), both.log_evidence - contradiction(both, rest, own)
+            evidence = both.log_evidence - contradiction(both, rest, own)
+            motion = both.garment_from_piece[0].inverse() @ both.garment_from_piece[1]
+            off_m = np.linalg.norm(motion.apply(own.inside_uv_m) - own.inside_uv_m, axis=1)
             # Flattened sleeves and legs are turned by some degrees, which moves them 2 to 5 cm.
-            if off_m.mean() > APART_M and evidence > best:
-                best, moved_m = evidence, float(off_m.max())
-    return best, moved_m
-
-
-def _moved_m(both: Fit, own: PieceEvidence) -> Float64:
-    """Return how far the places within a part (K,) lie from where they are joined."""
-    main, part = both.garment_from_piece
-    there = (main.inverse() @ part).apply(own.inside_uv_m)
-    moved: Float64 = np.linalg.norm(there - own.inside_uv_m, axis=1)
-    return moved
+            if off_m.mean() > APART_M and (best is None or evidence > best.log_evidence):
+                best = GarmentPlace(motion, float(off_m.max()), placed.probability, evidence)
+    return best

@@ -107,11 +107,6 @@ class Recognition:
         shares = [self.of_shape[fit.kind.name] + 1e-9 for fit in self.fits]
         return math.sqrt(float(np.average(squared_m2, weights=shares)))
 
-    @property
-    def upright_from_shape(self) -> Rigid2:
-        """The motion of the plane that turns the shape upright."""
-        return self.fit.garment_from_piece[0]
-
 
 def is_sure(piece: Placed) -> bool:
     """Return whether a piece may be placed without asking the operator, as unsure as the cloth around it."""
@@ -171,7 +166,8 @@ def recognise(
         if fit.log_evidence < fits[0].log_evidence - 4 * TEMPERATURE:
             continue
         placed[fit.kind.name] = place_pieces(fit, evidence)
-        gains[fit.kind.name] = -sum(_cost(each, fit) for each in placed[fit.kind.name])
+        # What pieces cost at their best places beyond the main piece alone.
+        gains[fit.kind.name] = -sum(max(p.fit.energy - fit.energy, 0.0) for p in placed[fit.kind.name])
     least = min(gains.values(), default=0.0)
     fits.sort(key=lambda f: -(f.log_evidence + gains.get(f.kind.name, least)))
     probabilities = _probabilities(fits, gains, least, main, temperature)
@@ -198,7 +194,10 @@ def _with_witnesses(fits: list[Fit], others: Sequence[PieceEvidence]) -> list[Fi
     for piece in sorted(others, key=lambda piece: -piece.area_m2):
         if piece.area_m2 >= LEAST_AREA_M2 and has_enough_edges(piece):
             likely = [fit.kind for fit in fits if _is_likely(fit, fits[0])]
-            own = {kind.name: _rough_evidence(kind, piece) for kind in likely}
+            coarse, own = piece.thinned(THINNED), {}
+            for kind in likely:  # by fewer starts and points
+                begun = starts(kind, piece, STARTS // 2)
+                own[kind.name] = _roughly(kind, coarse, begun)[0].log_evidence
             worst = min(own.values())
             fits = _most_probable_first(
                 replace(f, log_evidence=f.log_evidence + own.get(f.kind.name, worst)) for f in fits
@@ -264,16 +263,6 @@ def _with_pieces(fit: Fit, pieces: list[Placed]) -> Fit:
     if not sure:
         return fit
     return replace(sure[0].fit, energy=fit.energy, log_evidence=fit.log_evidence)
-
-
-def _cost(placed: Placed, alone: Fit) -> float:
-    """Return what a piece costs at its best place beyond the main piece alone."""
-    return max(placed.fit.energy - alone.energy, 0.0)
-
-
-def _rough_evidence(kind: Kind, piece: PieceEvidence) -> float:
-    """Return the evidence of a piece for a kind, by fewer starts and points."""
-    return _roughly(kind, piece.thinned(THINNED), starts(kind, piece, STARTS // 2))[0].log_evidence
 
 
 def held_fit(fit: Fit, main: PieceEvidence, pulls: tuple[Pull, ...]) -> Fit:

@@ -6,7 +6,6 @@ in the object frame, and on the plane at the time of the decision.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -44,7 +43,7 @@ class HeldPoint:
 
 @dataclass(frozen=True)
 class PlacedPiece:
-    """A piece that lies on the plane of the shape by the garment, or is refused there.
+    """A piece that lies on the plane of the shape by the garment or ``by_hand``, or is refused there.
 
     ``piece`` are points of its cloth with their places on the shape's plane; ``shape`` are points of the
     shape, which fix that plane. ``probability`` is that of the proposal, ``std_m`` the standard deviation of
@@ -56,11 +55,12 @@ class PlacedPiece:
     shape: ClothPlaces
     probability: float
     std_m: float = 0.0
+    by_hand: bool = False
 
 
 @dataclass(frozen=True)
 class DoubtedPart:
-    """A part of a piece that is removed because no garment, or no seam, allows its link; or that is kept.
+    """A part of a piece that is removed ``by_hand``, or because no garment or seam allows its link; or kept.
 
     ``part`` are points of its cloth and ``rest`` of the other cloth of the shape, with their places.
     ``probability`` is that of the link when it was decided. If nobody decided, but a run without an operator
@@ -72,6 +72,7 @@ class DoubtedPart:
     rest: ClothPlaces
     probability: float
     std_m: float = 0.0
+    by_hand: bool = False
 
 
 @dataclass(frozen=True)
@@ -129,9 +130,10 @@ class DecidePiece:
 
 @dataclass(frozen=True)
 class DecideLink:
-    """Remove a part from its piece because no garment, or no seam, allows its link; or keep it."""
+    """Remove a part from its piece, and perhaps ``place`` it elsewhere; or keep it."""
 
     part: DoubtedPart
+    place: PlacedPiece | None = None
 
 
 @dataclass(frozen=True)
@@ -155,12 +157,10 @@ def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
             return "No point is held."
         case ReleasePoints(name=str(name)) if name not in {held.name for held in decisions.held}:
             return f"The point {name!r:.60} is not held."
-        case DecidePiece() if len(decisions.pieces) >= MOST_PIECES:
-            return f"{MOST_PIECES} pieces are decided about, which is the most there can be. Undo some."
-        case DecideLink() if len(decisions.parts) >= MOST_PIECES:
-            return f"{MOST_PIECES} parts are decided about, which is the most there can be. Undo some."
-        case DecideSeam() if len(decisions.seams) >= MOST_PIECES:
-            return f"{MOST_PIECES} seams are decided about, which is the most there can be. Undo some."
+        case DecidePiece() | DecideLink() | DecideSeam():
+            name = {DecidePiece: "pieces", DecideLink: "parts", DecideSeam: "seams"}[type(command)]
+            if len(getattr(decisions, name)) >= MOST_PIECES:
+                return f"{MOST_PIECES} {name} are decided about, which is the most there can be. Undo some."
     return None
 
 
@@ -202,10 +202,12 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
         case DecidePiece(piece=piece):
             verb = "place a piece by the garment" if piece.accepted else "refuse a place by the garment"
             return verb, replace(decisions, pieces=(*decisions.pieces, piece))
-        case DecideLink(part=part):
-            verb = "take a part off by the garment" if part.taken_off else "keep a part on the shape"
-            verb = "doubt the link of a part" if part.std_m else verb
-            return verb, replace(decisions, parts=(*decisions.parts, part))
+        case DecideLink(part=part, place=place):
+            verb = "cut a part off" if part.by_hand else "take a part off by the garment"
+            verb = verb if part.taken_off else "keep a part on the shape"
+            verb = "place a part by hand" if place else "doubt the link of a part" if part.std_m else verb
+            pieces = decisions.pieces if place is None else (*decisions.pieces, place)
+            return verb, replace(decisions, parts=(*decisions.parts, part), pieces=pieces)
         case DecideSeam(seam=seam):
             verb = "keep a seam" if seam.kept else "cut a seam"
             return verb, replace(decisions, seams=(*decisions.seams, seam))
@@ -220,12 +222,12 @@ def _cloths(command: GarmentCommand) -> Iterator[ClothPlaces]:
     match command:
         case HoldPoint(point=point):
             yield point.cloth
-        case DecidePiece(piece=piece):
-            yield piece.piece
-            yield piece.shape
-        case DecideLink(part=part):
-            yield part.part
-            yield part.rest
+        case DecidePiece(piece=place) | DecideLink(place=PlacedPiece() as place):
+            yield place.piece
+            yield place.shape
+    if isinstance(command, DecideLink):
+        yield command.part.part
+        yield command.part.rest
 
 
 def _numbers(command: GarmentCommand) -> Iterator[float]:
@@ -233,9 +235,7 @@ def _numbers(command: GarmentCommand) -> Iterator[float]:
         yield from command.point.uv_m
     if isinstance(command, DecidePiece | DecideLink):
         decided = command.piece if isinstance(command, DecidePiece) else command.part
-        yield 0.0 if math.isfinite(decided.probability) else math.nan
-    if isinstance(command, DecideLink):
-        yield command.part.std_m
+        yield from (decided.probability, decided.std_m)
     if isinstance(command, DecideSeam):
         for place in command.seam.points_m:
             yield from place

@@ -21,7 +21,7 @@ from flatcloth.shape.hand import ByHand, with_hands
 from flatcloth.shape.joints import DecidedParts, doubt_m, seen_often
 from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, rotations
 from flatcloth.shape.observations import Observed, PlacedView, observe_all, with_view
-from flatcloth.shape.pieces import cut_of_overlap, pieces_of
+from flatcloth.shape.pieces import cut_of_overlap, pieces_of, with_main
 from flatcloth.shape.ripples import LOST, ripples_of
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
@@ -72,6 +72,7 @@ def as_decided(whole: Shape, parts: DecidedParts, upright: int) -> Shape:
     for part in parts.taken_off:
         holds &= part[first] == part[second]
     laid = laid_out(whole.graph, holds, whole.vouched)
+    laid = replace(laid, piece=with_main(laid.piece, whole.placed, *parts.cut))
     return _shape(whole, whole.graph, whole.links, laid, whole.vouched, upright, whole.scale, parts.kept)
 
 

@@ -34,10 +34,11 @@ _REACH = 1.2
 
 
 class DecidedParts(NamedTuple):
-    """Parts of a shape, each (N,) of its nodes, that were taken off, and that the operator keeps on it."""
+    """Parts of a shape, each (N,) of its nodes, that were taken off, or kept or ``cut`` by the operator."""
 
     taken_off: Sequence[Bool] = ()
     kept: Sequence[Bool] = ()
+    cut: Sequence[Bool] = ()
 
 
 @dataclass(frozen=True)

@@ -93,11 +93,6 @@ class Observation:
     is_noisy: bool
 
 
-def no_nodes() -> Nodes:
-    """Return an empty set of nodes."""
-    return Nodes(xyz_m=np.zeros((0, 3)), normal=np.zeros((0, 3)), weight=np.zeros(0))
-
-
 @dataclass(frozen=True, kw_only=True)
 class PlacedView:
     """A view: its ``surface``, and the pose of its camera."""
@@ -129,7 +124,8 @@ def observe_all(views: Sequence[PlacedView], interval_px: int) -> Observed:
 
     The nodes depend on the order of the views; who wants the same nodes gives the same order.
     """
-    seen = Observed(nodes=no_nodes(), observations=(), object_from_camera=())
+    none = Nodes(xyz_m=np.zeros((0, 3)), normal=np.zeros((0, 3)), weight=np.zeros(0))
+    seen = Observed(nodes=none, observations=(), object_from_camera=())
     for view in views:
         shown = associate(seen.nodes, view.surface, view.object_from_camera)
         with contextlib.suppress(SurfaceError):
@@ -177,7 +173,9 @@ def associate(nodes: Nodes, surface: Surface, object_from_camera: Rigid3) -> Ass
     tolerance = _SAME_PLACE_M + 3.0 * surface.noise_m
     rc = project(points, k)
     for round_ in range(2):
-        pixel, inside = _pixels_inside(rc, surface.usable.shape)
+        in_rows, in_cols = ((rc > -0.5) & (rc < np.array(surface.usable.shape) - 0.5)).T
+        inside: Bool = in_rows & in_cols
+        pixel = np.rint(np.where(inside[:, None], rc, 0.0)).astype(np.int32)
         seen = surface.xyz_m[pixel[:, 0], pixel[:, 1]].astype(np.float64)
         seen_normal = surface.normal[pixel[:, 0], pixel[:, 1]].astype(np.float64)
         with np.errstate(invalid="ignore"):
@@ -253,13 +251,6 @@ def observe(
         is_noisy=surface.noisy,
     )
     return averaged(nodes, observation, object_from_camera), observation
-
-
-def _pixels_inside(rc: Float64, shape: tuple[int, ...]) -> tuple[Int32, Bool]:
-    in_rows, in_cols = ((rc > -0.5) & (rc < np.array(shape) - 0.5)).T
-    inside: Bool = in_rows & in_cols
-    pixel = np.rint(np.where(inside[:, None], rc, 0.0)).astype(np.int32)
-    return pixel, inside
 
 
 def _incidence_deg(rc: Float64, normal: Float64, k: Intrinsics) -> Float64:

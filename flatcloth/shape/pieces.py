@@ -52,6 +52,13 @@ def pieces_of(graph: Graph, holds: Bool) -> Int32:
     return number[part]
 
 
+def with_main(piece: Int32, before: Bool, *cut: Bool) -> Int32:
+    """Return the pieces (N,) with what parts ``cut`` off the main one, ``before``, leave of it first."""
+    own = before & (piece >= 0) & ~np.any([np.zeros_like(before), *cut], axis=0)
+    main = int(np.bincount(piece[own]).argmax()) if cut and own.any() else 0
+    return np.where(piece == main, 0, np.where(piece == 0, main, piece)).astype(np.int32)
+
+
 def cut_of_overlap(graph: Graph, holds: Bool, piece: Int32, z: Complex128, by_hand: Bool) -> Bool:
     """Return the pairs (P,) to be cut since pieces lie on themselves: in each the weakest set that separates.
 

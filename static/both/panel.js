@@ -6,7 +6,7 @@ import { nearest } from "../canvas/geometry.js";
 import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
 import { words } from "../garment/marks.js";
 import { askJson, Fetched } from "../page/connection.js";
-import { closeButton, byId, heading, make, rebuild, swatch, values } from "../page/dom.js";
+import { byId, make, rebuild, swatch, values } from "../page/dom.js";
 import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
 
 const HIT_PX = 8;
@@ -217,10 +217,6 @@ export class BothSides extends PagePart {
     return make(
       "div.seam-detail",
       { role: "group", label: `Seam ${n + 1}` },
-      heading(
-        "Seam",
-        closeButton("Close the seam", () => this.choose(null), { key: "close-seam" }),
-      ),
       values(
         ["Places", String(seam.places), "Places where the rims of both sides meet"],
         [

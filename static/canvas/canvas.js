@@ -3,7 +3,7 @@
 import { Beside } from "../both/beside.js";
 import { drawMark, drawPick, drawScale } from "./marks.js";
 import { byId, contextOf, onWheel, sized } from "../page/dom.js";
-import { addTo, contains, cornersOf, grown, Transform, union } from "./geometry.js";
+import { addTo, applied, contains, cornersOf, grown, Transform, union } from "./geometry.js";
 import { Picture } from "./picture.js";
 import { Pyramid } from "./pyramid.js";
 
@@ -154,6 +154,25 @@ export class FlatCanvas {
     this.redraw();
   }
 
+  /** How what is held is being moved on the plane. @returns {Motion} */
+  get motion() {
+    return this.motionOf(this.preview);
+  }
+
+  /** A motion about the centre as one of the plane. @param {By} by @returns {Motion} */
+  motionOf({ theta, u, v }) {
+    const [cu, cv] = this.center;
+    const [du, dv] = applied([theta, 0, 0], -cu, -cv);
+    return [theta, cu + u + du, cv + v + dv];
+  }
+
+  /** The reverse. @param {Motion} motion @returns {By} */
+  byOf(motion) {
+    const [cu, cv] = this.center;
+    const [u, v] = applied(motion, cu, cv);
+    return { theta: motion[0], u: u - cu, v: v - cv };
+  }
+
   overlayReady(/** @type {boolean} */ anew) {
     if (anew) {
       this.resetPreview();
@@ -286,11 +305,11 @@ export class FlatCanvas {
     const context = this.context;
     context.save();
     this.transform.apply(context);
-    if (motion) {
-      context.translate(motion[1], motion[2]);
-      context.rotate(motion[0]);
+    const by = moved ? this.motion : motion;
+    if (by) {
+      context.translate(by[1], by[2]);
+      context.rotate(by[0]);
     }
-    if (moved) this.applyPreview();
     // A pixel of cloth is a measurement: zoomed in, it is shown as the square it stands for.
     const scale = this.transform.scale * grid.pixel_size_m * devicePixelRatio;
     const source = image instanceof Pyramid ? image.at(scale) : image;
@@ -298,14 +317,6 @@ export class FlatCanvas {
     context.imageSmoothingQuality = "low";
     context.drawImage(source, box.left, box.top, box.right - box.left, box.bottom - box.top);
     context.restore();
-  }
-
-  applyPreview() {
-    const { theta, u, v } = this.preview;
-    const [cu, cv] = this.center;
-    this.context.translate(cu + u, cv + v);
-    this.context.rotate(theta);
-    this.context.translate(-cu, -cv);
   }
 
   get isMoved() {

@@ -18,7 +18,7 @@ const MODES = [
   ["blink", "blink", "Blink"],
   ["compare_difference", "difference", "Differ"],
 ];
-const KINDS = { color: "Color", height: "Height", position: "3D" };
+const KINDS = ["color", "height", "position"];
 
 /** Paints the flattened view. */
 export class Comparison extends PagePart {
@@ -50,7 +50,10 @@ export class Comparison extends PagePart {
 
   /** Choose a mode; the same again goes back to both, or on to the next difference. */
   choose(/** @type {string} */ mode) {
-    if (mode === "difference" && this.mode === mode) return this.setKind(next(Object.keys(KINDS), this.kind));
+    if (mode === "difference" && this.mode === mode) {
+      this.kind = next(KINDS, this.kind);
+      return this.page.changed();
+    }
     this.setMode(mode !== this.mode ? mode : mode === "both" ? "shape" : "both");
   }
 
@@ -74,11 +77,6 @@ export class Comparison extends PagePart {
 
   get pressed() {
     return Object.fromEntries(MODES.map(([name, mode]) => [name, mode === this.mode]));
-  }
-
-  setKind(/** @type {string} */ kind) {
-    this.kind = kind;
-    this.page.changed();
   }
 
   /** Take a state, and how layers are looked at; the difference is fetched while it is looked at. */
@@ -211,20 +209,6 @@ export class Comparison extends PagePart {
   /** The buttons of all modes. */
   buttons() {
     return make("div.modes.segmented-grid", ...MODES.map(([name, , label]) => this.page.button(name, label)));
-  }
-
-  /** The choice of the difference, where it is looked at. */
-  showKinds(/** @type {HTMLElement} */ container) {
-    container.hidden = this.mode !== "difference";
-    rebuild(container, [this.kind], () =>
-      Object.entries(KINDS).map(([kind, title]) =>
-        make(
-          "button.button",
-          { pressed: kind === this.kind, key: `difference-${kind}`, click: () => this.setKind(kind) },
-          title,
-        ),
-      ),
-    );
   }
 }
 

@@ -1,4 +1,5 @@
-// Handles of the proposal: a ring turns it, its middle moves it; near a ghost, where the piece may belong, it snaps.
+// Handles of the proposal, or of the part of a joint: a ring turns it, its middle moves it; near a ghost, where it
+// may belong, it snaps.
 
 import { applied, boxOf, unapplied } from "./geometry.js";
 import { drawLabel, drawRing, strokeLine, strokeRimmed, traceCross } from "./marks.js";
@@ -10,8 +11,7 @@ const ABOVE_PX = 26; // of the ring over the proposal
 const LABEL_PX = 26; // of a ghost, below its middle
 const SNAP_PX = 16;
 const SNAP_RAD = 0.14; // 8 degrees
-
-/** @typedef {Pending["ghosts"][number]} Ghost */
+const STILL = { theta_rad: 0, u_m: 0, v_m: 0 };
 
 export class Handles {
   name = "handles";
@@ -21,7 +21,7 @@ export class Handles {
     this.page = page;
     this.isAway = isAway;
     this.canvas = page.canvas;
-    this.snapped = /** @type {Ghost | null} */ (null);
+    this.snapped = /** @type {string | null} */ (null); // the source of the ghost
     this.canvas.snap = (by) => this.snap(by);
     this.canvas.gripAt = (at) => this.gripAt(at);
   }
@@ -30,7 +30,7 @@ export class Handles {
     const ghosts = pending?.ghosts ?? [];
     rebuild(byId("ghosts"), [pending?.view_index, ghosts], () =>
       ghosts.map((ghost) =>
-        smallButton(`Lay ${TITLES[ghost.source]} ± ${mm(ghost.std_mm, 0)}`, () => this.layAt(ghost), {
+        smallButton(`Lay ${titleOf(ghost)}`, () => this.layAt(ghost), {
           key: `ghost-${ghost.source}`,
           tip: "Lay the piece where its ghost is drawn. Dragged near there, it snaps to it.",
         }),
@@ -38,22 +38,28 @@ export class Handles {
     );
   }
 
-  get pending() {
-    const { state, brush } = this.page;
-    if (!state?.pending || !this.canvas.overlay.shown || this.canvas.side === "other") return null;
-    return brush?.kind || this.isAway() ? null : state.pending;
+  /** What the handles hold. @returns {Held | null} */
+  get held() {
+    const { page, canvas } = this;
+    const { shown } = canvas.overlay;
+    if (canvas.side === "other" || page.brush?.kind || this.isAway() || !page.state) return null;
+    if (!page.state.pending) return page.joints.held;
+    if (!shown) return null;
+    return {
+      arm: [0, boxOf(shown.grid).top - canvas.center[1]],
+      ghosts: page.state.pending.ghosts.map((ghost) => ({ ...ghost, title: titleOf(ghost) })),
+      draw: (motion) => canvas.drawPicture(shown, shown.outline ?? shown.image, false, motion),
+    };
   }
 
   /** Where the handles are in the pane, with the preview. */
   get places() {
-    const { canvas } = this;
-    const shown = canvas.overlay.shown;
-    if (!this.pending || !shown) return null;
-    const { top } = boxOf(shown.grid);
+    const { canvas, held } = this;
+    if (!held) return null;
     const { theta, u, v } = canvas.preview;
     const [cu, cv] = canvas.center;
     const middle = canvas.transform.toPane(cu + u, cv + v);
-    const [ru, rv] = applied([theta, 0, 0], 0, top - cv);
+    const [ru, rv] = applied([theta, 0, 0], ...held.arm);
     const edge = canvas.transform.toPane(cu + u + ru, cv + v + rv);
     const far = Math.hypot(edge.x - middle.x, edge.y - middle.y) || 1;
     const way = { x: (edge.x - middle.x) / far, y: (edge.y - middle.y) / far };
@@ -70,40 +76,39 @@ export class Handles {
 
   // --- ghosts ------------------------------------------------------------------------------------
 
-  /** The motion that leads the proposal from where the server has it to a ghost. @returns {By} */
-  towards(/** @type {Ghost} */ { placement }) {
+  /** The motion that leads what is held from where the server has it to a ghost. @returns {By} */
+  towards(/** @type {{ placement: Motionlike }} */ { placement }) {
     const { canvas } = this;
-    const { theta_rad, u_m, v_m } = /** @type {Motionlike} */ (canvas.overlay.shown?.grid.placement);
+    const { theta_rad, u_m, v_m } = canvas.overlay.shown?.grid.placement ?? STILL;
     const own = unapplied([theta_rad, u_m, v_m], canvas.center[0], canvas.center[1]);
     const [u, v] = applied([placement.theta_rad, placement.u_m, placement.v_m], ...own);
     const turn = placement.theta_rad - theta_rad;
     return { theta: Math.atan2(Math.sin(turn), Math.cos(turn)), u: u - canvas.center[0], v: v - canvas.center[1] };
   }
 
-  /** A motion of the proposal, or that to a ghost which is near. @returns {By} */
+  /** A motion of what is held, or that to a ghost which is near. @returns {By} */
   snap(/** @type {By} */ by) {
     this.snapped = null;
-    for (const ghost of this.pending?.ghosts ?? []) {
+    for (const ghost of this.held?.ghosts ?? []) {
       const to = this.towards(ghost);
       const off = Math.hypot(to.u - by.u, to.v - by.v) * this.canvas.transform.scale;
       const turn = Math.abs(Math.atan2(Math.sin(to.theta - by.theta), Math.cos(to.theta - by.theta)));
       if (off > SNAP_PX || turn > SNAP_RAD) continue;
-      this.snapped = ghost;
+      this.snapped = ghost.source;
       return to;
     }
     return by;
   }
 
   /** Lay the proposal at a ghost. */
-  layAt(/** @type {Ghost} */ ghost) {
+  layAt(/** @type {Pending["ghosts"][number]} */ ghost) {
     this.canvas.handlers.nudge(this.towards(ghost));
   }
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
-    const { places, canvas } = this;
-    const shown = canvas.overlay.shown;
-    if (!places || !shown) return;
-    for (const ghost of this.pending?.ghosts ?? []) this.drawGhost(context, style, ghost);
+    const { places, held } = this;
+    if (!places || !held) return;
+    for (const ghost of held.ghosts) this.drawGhost(context, style, held, ghost);
     const color = style.getPropertyValue("--accent");
     strokeLine(context, [places.edge, places.ring], color, 1.5);
     drawRing(context, places.ring, color, 6);
@@ -113,30 +118,27 @@ export class Handles {
     });
   }
 
-  /** @param {Context} context @param {Style} style @param {Ghost} ghost */
-  drawGhost(context, style, ghost) {
+  /** @param {Context} context @param {Style} style @param {Held} held @param {Ghost} ghost */
+  drawGhost(context, style, held, ghost) {
     const { canvas } = this;
-    const shown = canvas.overlay.shown;
-    if (!shown) return;
-    const { theta, u, v } = this.towards(ghost);
-    const [cu, cv] = canvas.center;
-    const [du, dv] = applied([theta, 0, 0], -cu, -cv);
-    context.globalAlpha = ghost === this.snapped ? 0.85 : 0.4;
-    canvas.drawPicture(shown, shown.outline ?? shown.image, false, [theta, cu + u + du, cv + v + dv]);
+    const by = this.towards(ghost);
+    const motion = canvas.motionOf(by);
+    context.globalAlpha = ghost.source === this.snapped ? 0.85 : 0.4;
+    held.draw(motion);
     context.globalAlpha = 1;
-    const { x, y } = canvas.transform.toPane(cu + u, cv + v);
-    const text = `${TITLES[ghost.source]} ± ${mm(ghost.std_mm, 0)}`;
+    const [u, v] = applied(motion, canvas.center[0] + (ghost.at?.[0] ?? 0), canvas.center[1] + (ghost.at?.[1] ?? 0));
+    const { x, y } = canvas.transform.toPane(u, v);
     context.font = "600 12px system-ui, sans-serif";
     context.textBaseline = "middle";
-    const width = context.measureText(text).width + 8;
+    const width = context.measureText(ghost.title).width + 8;
     const below = y + LABEL_PX; // the middle is a handle
-    drawLabel(context, style, text, [x - width / 2 + 4, below], [x - width / 2, below - 9, width, 18]);
+    drawLabel(context, style, ghost.title, [x - width / 2 + 4, below], [x - width / 2, below - 9, width, 18]);
   }
 
   get status() {
     const { places, snapped } = this;
-    const ghosts = this.pending?.ghosts.map((ghost) => this.towards(ghost)) ?? [];
-    return { places, ghosts, snapped: snapped?.source ?? null, scale: this.canvas.transform.scale };
+    const ghosts = this.held?.ghosts.map((ghost) => this.towards(ghost)) ?? [];
+    return { places, ghosts, snapped, scale: this.canvas.transform.scale };
   }
 }
 
@@ -144,3 +146,6 @@ export class Handles {
 
 /** @type {Record<string, string>} */
 export const TITLES = { garment: "by the garment", seams: "by seams" };
+
+const titleOf = (/** @type {Pending["ghosts"][number]} */ { source, std_mm }) =>
+  `${TITLES[source]} ± ${mm(std_mm, 0)}`;

@@ -1,10 +1,12 @@
 // The floating pieces on the flattened view: a rectangle in its colour, and its letter with the area.
 
-import { boxOf, cornersOf } from "./geometry.js";
+import { applied, boxOf, cornersOf } from "./geometry.js";
 import { drawLabel, strokeLine } from "./marks.js";
+import { within } from "../page/dom.js";
 import { number } from "../page/format.js";
 
 const HIGH_PX = 19;
+const PALE = 0.6;
 const FONT = "600 13px system-ui, sans-serif";
 
 /**
@@ -20,6 +22,50 @@ export function drawPieces(canvas, context, style, pieces, chosen) {
     strokeLine(context, [...corners, corners[0]], piece.color, chosenOne ? 3 : 1.5, chosenOne ? [] : [5, 4]);
     taken.push(drawTag(context, style, corners, piece, canvas.width, taken));
   }
+}
+
+/**
+ * The cloth of the shape within some loops, moved; where it was it is pale.
+ * @param {FlatCanvas} canvas @param {Style} style @param {UV[][]} loops @param {Motion} by
+ */
+export function drawMoved(canvas, style, loops, by) {
+  const { context, transform } = canvas;
+  const { shown } = canvas.layer;
+  const trace = (/** @type {Motion} */ motion) => {
+    context.beginPath();
+    for (const loop of loops) {
+      loop.forEach((uv, n) => {
+        const { x, y } = transform.toPane(...applied(motion, ...uv));
+        n ? context.lineTo(x, y) : context.moveTo(x, y);
+      });
+      context.closePath();
+    }
+  };
+  context.globalAlpha = PALE;
+  context.fillStyle = style.getPropertyValue("--ground");
+  trace([0, 0, 0]);
+  context.fill();
+  context.globalAlpha = 1;
+  context.save();
+  trace(by);
+  context.clip();
+  if (shown) canvas.drawPicture(shown, shown.image, false, by);
+  context.restore();
+}
+
+/**
+ * A text below places of the plane, within the pane.
+ * @param {FlatCanvas} canvas @param {Style} style @param {string} text @param {UV[]} places
+ */
+export function drawCaption(canvas, style, text, places) {
+  const { context } = canvas;
+  const at = places.map(([u, v]) => canvas.transform.toPane(u, v));
+  context.font = FONT;
+  context.textBaseline = "middle";
+  const width = context.measureText(text).width + 12;
+  const x = within(Math.min(...at.map((place) => place.x)), 0, canvas.width - width);
+  const y = within(Math.max(...at.map((place) => place.y)) + 4, 0, canvas.height - 20);
+  drawLabel(context, style, text, [x + 6, y + 10], [x, y, width, 20]);
 }
 
 /** @typedef {{ x: number; top: number; right: number }} Tag */

@@ -1,11 +1,14 @@
-// Why the parts of the shape are joined: where the least evidence joins them, the views that saw it; cut or keep.
+// Why the parts of the shape are joined: where the least evidence joins them, the views that saw it; the places at
+// which a part may lie, one of which is decided on.
 
 import { PagePart } from "../page/page.js";
 import { nearest } from "../canvas/geometry.js";
 import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
+import { drawCaption, drawMoved } from "../canvas/pieces.js";
 import { askJson, Fetched } from "../page/connection.js";
-import { byId, closeButton, heading, make, rebuild, smallButton, swatch } from "../page/dom.js";
+import { byId, closeButton, heading, make, rebuild, setText, smallButton, swatch } from "../page/dom.js";
 import { cm2, count, number } from "../page/format.js";
+import { fitOf, holds, isBeside, JointOptions } from "./places.js";
 
 const HIT_PX = 10;
 const MOST_ROWS = 8;
@@ -19,13 +22,16 @@ export class JointsPanel extends PagePart {
   /** @type {Fetched<JointsInfo>} */
   fetched = new Fetched(askJson, () => this.choose(this.joints.length ? 0 : null)); // the weakest is asked about first
   chosen = /** @type {number | null} */ (null);
+  options = /** @type {JointOptions | null} */ (null); // where the part of the chosen one may lie
   notice = ""; // about the place that was clicked
-  actions = { joints: () => this.toggle() };
+  actions = { joints: () => this.toggle(), joint_next: () => this.next(), joint_decide: () => this.decide() };
   section = byId("joints");
 
   constructor(/** @type {Page} */ page) {
     super(page);
+    page.joints = this;
     page.sourceMarks.push((view) => this.pixels(view));
+    page.canvas.around.push(() => this.options && this.held && this.options.box);
   }
 
   get found() {
@@ -36,21 +42,43 @@ export class JointsPanel extends PagePart {
     return this.found?.joints ?? [];
   }
 
+  get joint() {
+    return this.shown && this.chosen !== null ? (this.joints[this.chosen] ?? null) : null;
+  }
+
   get pressed() {
     return { joints: this.shown };
   }
 
+  get status() {
+    const { chosen, held, options, canvas } = this;
+    return {
+      chosen,
+      titles: options?.all.map(({ title }) => title),
+      at: options?.at(canvas.motion),
+      held: Boolean(held),
+    };
+  }
+
   toggle() {
     this.shown = !this.shown;
-    this.choose(null);
+    this.choose(this.shown && this.joints.length ? 0 : null);
     if (this.shown) this.section.scrollIntoView({ block: "nearest" });
+  }
+
+  /** Ask what holds the parts of the shape; true: not known yet. */
+  want() {
+    if (this.fetched.want(addressOf(this.page.thisSide))) this.choose(null);
+    return this.found === null;
   }
 
   update(/** @type {State} */ state) {
     this.section.hidden = !this.shown || !state.layers || state.mode === "camera";
     if (this.section.hidden) return;
-    if (this.fetched.want(addressOf(this.page.thisSide))) this.chosen = null;
-    rebuild(this.section, [this.found, this.chosen, this.notice, state.drawing], () => this.build(state.drawing));
+    this.want();
+    const at = this.held ? this.options?.at(this.canvas.motion) : null;
+    rebuild(this.section, [this.found, this.chosen, at, this.notice, state.drawing], () => this.build(state.drawing));
+    this.showFit();
   }
 
   // --- the panel ---------------------------------------------------------------------------------
@@ -74,11 +102,11 @@ export class JointsPanel extends PagePart {
             : "No part of the shape hangs on so little evidence that it is in doubt.",
         ),
       this.notice && make("p.note", { role: "status" }, this.notice),
-      make("ul", ...joints.map((joint, n) => this.row(joint, n, waits))),
+      make("ul", ...joints.map((joint, n) => this.row(joint, n))),
     ];
   }
 
-  row(/** @type {JointInfo} */ joint, /** @type {number} */ n, /** @type {boolean} */ waits) {
+  row(/** @type {JointInfo} */ joint, /** @type {number} */ n) {
     const on = n === this.chosen;
     const sure = joint.kept ? "kept" : joint.weak ? `${number(100 * joint.probability, 1)} % sure` : "firm";
     return make(
@@ -96,24 +124,22 @@ export class JointsPanel extends PagePart {
         `by ${count(joint.views.length, "view")}`,
         make("small", sure),
       ),
-      on && this.detail(joint, n, waits),
+      on && this.detail(joint, n),
     );
   }
 
-  /** What holds a part, and the decision about it. */
-  detail(/** @type {JointInfo} */ joint, /** @type {number} */ n, /** @type {boolean} */ waits) {
+  /** Where a part may lie, with the decision about it, and what holds it. */
+  detail(/** @type {JointInfo} */ joint, /** @type {number} */ n) {
     const pairs = joint.views.reduce((sum, view) => sum + view.pairs, 0);
     return make(
       "div.seam-detail",
       { role: "group", label: `Part ${n + 1}` },
+      this.held && this.options && this.places(this.options),
       make(
         "p.note",
-        `Held by ${count(pairs, "pair")} of ${count(joint.views.length, "view")}. ` +
-          `With their evidence, ${number(joint.evidence, 1)}, the joint is right with a probability of ` +
-          `${number(100 * joint.probability, 1)} %.`,
+        `Held by ${count(pairs, "pair")} of ${count(joint.views.length, "view")}, ` +
+          `evidence ${number(joint.evidence, 1)}.${joint.kept ? " You kept it." : ""}`,
       ),
-      joint.kept && make("p.note", "You kept it."),
-      make("div.group", this.decide("Cut here", true, n, waits), this.decide("Keep", false, n, waits)),
       make(
         "table",
         make("tr", ...["View", "Pairs", "Residual", "90 % below"].map((text) => make("th", { scope: "col" }, text))),
@@ -121,6 +147,28 @@ export class JointsPanel extends PagePart {
       ),
       joint.views.length > MOST_ROWS && make("p.note", `and ${joint.views.length - MOST_ROWS} more`),
     );
+  }
+
+  /** The places at which the part may lie, that which is shown pressed, and the decision for it. */
+  places(/** @type {JointOptions} */ options) {
+    const at = options.at(this.canvas.motion);
+    const row = (/** @type {JointOptions["all"][number]} */ { title, share }, /** @type {number} */ n) =>
+      make(
+        "button.button.small.joint",
+        { pressed: n === at, key: `joint-place-${n}`, click: () => this.look(n) },
+        title,
+        make("small", share),
+      );
+    return [
+      make("p.note", "Where does it lie? Turn it by the ring, shift it by the cross; or [ ] and the arrows."),
+      make("div.places", { role: "group", label: "Where the part lies" }, ...options.all.map(row)),
+      make("p#joint-fit.note", { role: "status" }),
+      make(
+        "div.group",
+        this.page.smallButton("joint_decide", options.all[at]?.decide ?? "Place it here"),
+        this.page.smallButton("joint_next"),
+      ),
+    ];
   }
 
   view(/** @type {JointInfo["views"][number]} */ { view_index, angle_deg, pairs, residual_mm, rc }) {
@@ -141,26 +189,71 @@ export class JointsPanel extends PagePart {
     );
   }
 
-  /** @param {string} title @param {boolean} cut @param {number} n @param {boolean} waits */
-  decide(title, cut, n, waits) {
-    const tip = cut
-      ? "Take the part off: it floats, and can be placed again."
-      : "The part stays joined, whatever speaks against it.";
-    const message = /** @type {const} */ ({
-      type: "decide_joint",
-      revision: this.found?.revision ?? 0,
-      index: n,
-      cut,
-    });
-    return this.page.decision(title, message, tip, waits, { key: cut ? "joint-cut" : "joint-keep" });
-  }
+  // --- where the part lies -----------------------------------------------------------------------
 
   /** Choose a part, or none, with a notice about the place that was clicked. */
-  choose(/** @type {number | null} */ joint, notice = "") {
-    this.chosen = joint;
+  choose(/** @type {number | null} */ chosen, notice = "") {
+    this.chosen = chosen;
     this.notice = notice;
+    this.options = this.joint && new JointOptions(this.joint);
+    if (!this.page.state?.pending) {
+      if (this.options) this.canvas.center = this.options.pivot;
+      this.canvas.resetPreview();
+    }
     this.page.changed();
     this.page.redrawMarks();
+    this.canvas.refit();
+  }
+
+  /** What the handles hold: the part of the chosen joint, unless something else is being decided. */
+  get held() {
+    const { options, canvas, page } = this;
+    if (!options || !this.joint || page.state?.pending || page.hasCamera || canvas.side === "other") return null;
+    /** @type {Held} */
+    const held = { arm: options.arm, ghosts: options.ghosts, draw: (by) => this.drawAt(by) };
+    return held;
+  }
+
+  /** Show the part at one of its places. */
+  look(/** @type {number} */ n) {
+    const { options, canvas } = this;
+    if (!options) return;
+    canvas.preview = canvas.byOf(options.all[n].motion);
+    canvas.redraw();
+    this.page.changed();
+  }
+
+  next() {
+    const { options, canvas } = this;
+    if (!this.held || !options) return this.page.notify("info", "Choose a part first: why joined.");
+    this.look((options.at(canvas.motion) + 1) % options.all.length);
+  }
+
+  /** Decide that the part lies where it is shown. */
+  decide() {
+    const { options, canvas, chosen, found, page } = this;
+    if (!this.held || !options || chosen === null) return;
+    if (page.state.drawing || !found) return page.notify("info", "The shape is being drawn; wait a moment.");
+    const { cut, place } = options.all[options.at(canvas.motion)] ?? { cut: true, place: canvas.motion };
+    page.send({ type: "decide_joint", revision: found.revision, index: chosen, cut, place });
+  }
+
+  moving() {
+    if (this.held) this.page.changed();
+  }
+
+  /** How the part fits where it is shown. */
+  get fit() {
+    const { joint, options, canvas, page } = this;
+    if (!joint || !options || options.at(canvas.motion) === options.all.length - 1) return ""; // nowhere
+    const { layer } = canvas;
+    const beside = page.thisSide.layers?.pieces.filter((piece) => !piece.placed) ?? [];
+    return fitOf(joint, canvas.motion, (u, v) => layer.covers(u, v) && !isBeside(beside, u, v));
+  }
+
+  showFit() {
+    const box = document.getElementById("joint-fit");
+    if (box) setText(box, this.fit);
   }
 
   // --- on the cloth ------------------------------------------------------------------------------
@@ -176,13 +269,13 @@ export class JointsPanel extends PagePart {
 
   /** The pixels of a view's image at which the chosen part is joined. */
   pixels(/** @type {number} */ view) {
-    const joint = this.shown && this.chosen !== null ? this.joints[this.chosen] : null;
-    return joint?.views.find(({ view_index }) => view_index === view)?.rc ?? [];
+    return this.joint?.views.find(({ view_index }) => view_index === view)?.rc ?? [];
   }
 
   escape() {
     if (!this.shown) return false;
-    this.toggle();
+    if (this.held && this.canvas.isMoved) this.look(0);
+    else this.toggle();
     return true;
   }
 
@@ -195,36 +288,35 @@ export class JointsPanel extends PagePart {
   }
 
   /** Where a joint is, in the pane. @param {JointInfo} joint */
-  seamOf = (joint) => joint.seam_uv_m.map((uv) => this.canvas.transform.toPane(...uv));
+  seamOf = (joint) =>
+    joint.ends_uv_m.map(([[u, v], [s, t]]) => this.canvas.transform.toPane((u + s) / 2, (v + t) / 2));
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
-    const { joints, chosen, shown } = this;
-    if (!shown || this.page.hasCamera || this.canvas.side === "other") return;
-    for (const loop of chosen === null ? [] : joints[chosen].outline_uv_m)
-      strokeLoop(this.canvas, loop, style.getPropertyValue("--accent"), 2, { rim: 1.5, dash: [6, 4] });
-    const seams = joints.map((joint) => ({ at: this.seamOf(joint), doubted: joint.weak }));
-    drawSeams(context, style, seams, chosen);
+    const { joints, joint, canvas } = this;
+    if (!this.shown || this.page.hasCamera || canvas.side === "other") return;
+    if (joint && this.held && canvas.isMoved) {
+      drawMoved(canvas, style, joint.outline_uv_m, canvas.motion);
+      const { fit, options } = this;
+      if (fit && options) drawCaption(canvas, style, fit, options.loopsAt(canvas.motion).flat());
+    }
+    this.drawAt([0, 0, 0], "--accent");
+    const seams = joints.map((each) => ({ at: this.seamOf(each), doubted: each.weak }));
+    drawSeams(context, style, seams, this.chosen);
+  }
+
+  /** The outline of the part, moved by so much. */
+  drawAt(/** @type {Motion} */ by, color = "--warn") {
+    const style = getComputedStyle(this.canvas.canvas);
+    for (const loop of this.options?.loopsAt(by) ?? [])
+      strokeLoop(this.canvas, loop, style.getPropertyValue(color), 2, { rim: 1.5, dash: [6, 4] });
   }
 
   /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
   drawInScene(context, style, place) {
-    const { joints, chosen, shown } = this;
-    if (!shown || chosen === null) return;
-    drawSeamInScene(context, style, joints[chosen].seam_xyz_m, place);
+    if (this.joint) drawSeamInScene(context, style, this.joint.seam_xyz_m, place);
   }
 }
 
-/** Where the joints of the shape are; a garment that is recognised later may doubt others. */
-export const addressOf = (/** @type {State} */ { layers, garment }) =>
-  layers && `joints/${layers.revision}.json?garment=${garment?.revision ?? 0}`;
-
-/** Whether the outlines of a part hold a place: an odd number of their edges is crossed on the way out. */
-function holds(/** @type {JointInfo} */ { outline_uv_m }, /** @type {number} */ u, /** @type {number} */ v) {
-  let inside = false;
-  for (const loop of outline_uv_m)
-    loop.forEach(([u1, v1], n) => {
-      const [u0, v0] = loop[(n + loop.length - 1) % loop.length];
-      if (v0 > v !== v1 > v && u < u0 + ((v - v0) / (v1 - v0)) * (u1 - u0)) inside = !inside;
-    });
-  return inside;
-}
+/** Where the joints of the shape are; a garment or seams that are known later may doubt others. */
+const addressOf = (/** @type {State} */ { layers, garment, other }) =>
+  layers && `joints/${layers.revision}.json?garment=${garment?.revision ?? 0}&other=${other?.revision ?? 0}`;

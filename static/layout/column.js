@@ -24,7 +24,7 @@ const PARTS = [
   ["floating", "Pieces", ["floating"], []],
   ["garment", "Garment", ["garment"], ["garment"]],
   ["both-sides", "Sides", ["both-sides"], ["turn_over", "beside", "seams"]],
-  ["joints", "Joined", ["joints"], ["joints"]],
+  ["joints", "Joined", ["joints"], ["joints", "joint_next"]],
   ["sides", "Strokes", ["sides"], STROKES],
   ["done", "Done", ["done"], ["history"]],
   ["look", "Look", ["look"], ["look"]],

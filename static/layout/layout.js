@@ -21,6 +21,7 @@ const PANE_OF = {
   follow: "scene",
   look: "details",
   pairs: "flat",
+  joint_next: "flat",
 };
 
 /** The kind of layout for a window, and the panes that can be chosen there. */

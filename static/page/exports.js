@@ -15,9 +15,6 @@ export function showExports(/** @type {Notify} */ notify, /** @type {State} */ {
   );
   for (const made of findAll("[data-file]", byId("exports"))) {
     made.dataset.id = made.dataset.file;
-    const seconds = took()[made.dataset.file ?? ""];
-    const about = /** @type {HTMLElement} */ (made.parentElement?.nextElementSibling);
-    about.dataset.took = seconds ? `Took ${number(seconds, 0)} s last time.` : "";
     made.onclick = () => save(made, made.dataset.file ?? "", made.textContent ?? "", notify, recording.name);
   }
   byId("hand-eye").onchange = () => takeHandEye(notify);
@@ -34,11 +31,6 @@ async function takeHandEye(/** @type {Notify} */ notify) {
   setText(byId("hand-eye-notice"), notice);
   notify(error ? "error" : "info", notice);
 }
-
-const TOOK = "flatcloth-export-seconds";
-
-/** How long each export took last, in this browser. @returns {Record<string, number>} */
-const took = () => JSON.parse(localStorage.getItem(TOOK) ?? "{}");
 
 /**
  * A button that makes one export and saves it.
@@ -66,7 +58,6 @@ async function save(button, file, title, notify, name) {
     const address = URL.createObjectURL(await response.blob());
     make("a", { href: address, download: `${name.replace(/[^\w.-]+/g, "-")}-${file}` }).click();
     setTimeout(() => URL.revokeObjectURL(address), 60000);
-    localStorage.setItem(TOOK, JSON.stringify({ ...took(), [file]: Math.max(1, Math.round(seconds())) }));
     notify("info", `${title}: saved after ${number(seconds(), 0)} s.`);
   } catch (error) {
     notify("error", `${title}: ${/** @type {Error} */ (error).message || "there is no connection"}`);

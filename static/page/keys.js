@@ -8,7 +8,7 @@ const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen"];
 
 /**
  * Returns the listener, for frames that want it as well.
- * @param {{ state: () => State; modes: () => string[]; run: (name: string, large: boolean) => void }} page
+ * @param {{ state: () => State; modes: () => string[]; mayMove: () => boolean; run: (name: string, large: boolean) => void }} page
  *   with the uppermost of the modes first
  */
 export function startKeys(page) {
@@ -29,9 +29,9 @@ export function startKeys(page) {
     // Space presses the button that was tabbed to, or that a card or menu has brought.
     const brought = tabbed || target.closest?.("[role=dialog]");
     if (key === "Space" && brought && target.closest?.("button, a, input, [role=button]")) return;
-    // Without a proposal the arrow keys keep their own meaning, such as scrolling.
+    // Where nothing can be moved the arrow keys keep their own meaning, such as scrolling.
     const moves = isMove(action.name);
-    if (moves && !state.pending) return;
+    if (moves && !page.mayMove()) return;
     taken(event);
     if (event.repeat && !moves && !REPEATED.includes(action.name)) return;
     page.run(action.name, event.shiftKey);

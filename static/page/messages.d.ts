@@ -68,7 +68,6 @@ export interface Pairs {
   view_index: number;
   new_uv_m: [number, number][];
   shape_uv_m: [number, number][];
-  weights: number[];
   fit?: boolean;
 }
 
@@ -283,6 +282,7 @@ export interface DecideJoint {
   revision: number;
   index: number;
   cut: boolean;
+  place?: [number, number, number] | null;
 }
 
 /** Pick a named point of the garment as a grasp. */
@@ -982,10 +982,8 @@ export interface More {
   share: number | null;
 }
 
-/** What speaks for and against a proposal, with the limits of the method. */
+/** What speaks for and against a proposal. */
 export interface DiagnosticsInfo {
-  limit_deg: number;
-  overlap_cm2: number;
   reasons: Reasons;
   pairs: ShownPairs | null;
 }
@@ -996,24 +994,10 @@ export interface Reasons {
   side: "left" | "right";
   front_view: number;
   turn_deg: number;
-  curves: ColumnCurves;
-  new_curves: ColumnCurves;
-  u_b_m: number;
-  a_0_deg: number;
-  rotation_deg: number;
   correspondence: Correspondence | null;
   trouble: string;
-  front_from_current: Rigid2;
   current_from_new: Rigid2;
   pairs: ClothPairs | null;
-}
-
-/** The curves over the columns of a flattened view (paper, Fig. 4a). */
-export interface ColumnCurves {
-  u_m: any[];
-  column_count: any[];
-  column_mean_z_angle_deg: any[];
-  pixel_size_m: number;
 }
 
 /** The initial estimate and its derivation (paper, Fig. 4d, e). */
@@ -1026,6 +1010,14 @@ export interface Correspondence {
   current: ZAngleLine;
   new: ZAngleLine;
   height_m: number;
+}
+
+/** The curves over the columns of a flattened view (paper, Fig. 4a). */
+export interface ColumnCurves {
+  u_m: any[];
+  column_count: any[];
+  column_mean_z_angle_deg: any[];
+  pixel_size_m: number;
 }
 
 /** Pixels of one Z-angle in a flattened view and their principal axis. */
@@ -1121,9 +1113,11 @@ export interface JointInfo {
   probability: number;
   kept: boolean;
   outline_uv_m: [number, number][][];
-  seam_uv_m: [number, number][];
+  ends_uv_m: [[number, number], [number, number]][];
+  length_m: number[];
   seam_xyz_m: [number, number, number][];
   views: HeldByView[];
+  places: Place[];
 }
 
 /** A view that joins a part to the rest: pairs, median and ninth decile of residuals, and their pixels. */
@@ -1133,6 +1127,13 @@ export interface HeldByView {
   pairs: number;
   residual_mm: [number, number];
   rc: [number, number][];
+}
+
+/** Where a part lies if its joint is false: what says so, its motion there, and how probable that is. */
+export interface Place {
+  by: "garment" | "seams";
+  shape_from_part: Rigid2;
+  probability: number;
 }
 
 /** Every message that the server sends as text. */

@@ -22,6 +22,7 @@ export class Page {
     this.playing = false; // the views of the timeline, one after the other
     this.sourceMarks = /** @type {((view: number) => UV[])[]} */ ([]); // pixels that panels mark in a source image
     this.verdicts = /** @type {Verdicts} */ (later);
+    this.joints = /** @type {JointsPanel} */ (later);
     this.brush = /** @type {SidesPanel} */ (later); // of the side of interest, for panels that can be painted on
     this.panels = /** @type {Panel[]} */ ([]);
   }

@@ -63,7 +63,6 @@ export class Toolbar extends PagePart {
     setPressed(buttonOf("auto"), state.auto.running);
     setTitle("auto", state.auto.running ? "Stop Auto" : "Auto");
     showSteps(byId("increment"), state.settings);
-    this.page.comparison.showKinds(byId("difference-kinds"));
     const main = { deciding: "accept", ready: state.active ? "" : "step" }[state.phase];
     for (const name of ["step", "accept"]) {
       buttonOf(name).classList.toggle("primary", name === main && !state.auto.running);
@@ -112,7 +111,6 @@ export class Toolbar extends PagePart {
     rebuild(byId("overlay-tools"), ["overlay"], () => [
       this.page.button("diagnostics"),
       make("details#compare", make("summary", "Compare"), page.comparison.buttons(), field("Opacity", opacity)),
-      make("div#difference-kinds.segmented", { role: "group", label: "Difference", hidden: true }),
       field("Arrows, [ ]", steps, STEPS_TIP),
     ]);
   }
@@ -187,6 +185,7 @@ const GROUPS = {
   session: ["Session", "session"],
   timeline: ["Timeline", "session"],
   proposal: ["Proposal", "session"],
+  joint: ["Joint of a part (Why joined)", "session"],
   sides: ["Sides", "session"],
   view: ["Views", ""],
   page: ["Page", ""],

@@ -14,6 +14,7 @@ import type { SceneMarks as SceneMarksClass } from "./scene_marks.js";
 import type { SidesPanel as SidesPanelClass } from "../panels/sides.js";
 import type { Verdicts as VerdictsClass } from "../review/verdicts.js";
 import type { GarmentPanel as GarmentPanelClass } from "../garment/panel.js";
+import type { JointsPanel as JointsPanelClass } from "../joints/panel.js";
 import type { Layout as LayoutClass } from "../layout/layout.js";
 
 declare global {
@@ -141,6 +142,7 @@ declare global {
   type SidesPanel = SidesPanelClass;
   type Verdicts = VerdictsClass;
   type GarmentPanel = GarmentPanelClass;
+  type JointsPanel = JointsPanelClass;
   type Layout = LayoutClass;
   type Child = E.Child;
   type Ids = E.Ids;
@@ -157,6 +159,10 @@ declare global {
   type RC = [number | null, number | null];
   type XYZ = [number, number, number];
   type RGB = [number, number, number];
+  /** A place at which what the handles hold may belong; its title is shown `at` a place from the centre. */
+  type Ghost = { source: string; title: string; placement: M.Placement; at?: UV };
+  /** What the handles hold: the ring's place from the centre, ghosts, and how an outline is drawn. */
+  type Held = { arm: UV; ghosts: Ghost[]; draw: (motion: Motion) => void };
   /** A rotation (radians), then a shift (metres). */
   type Motion = [number, number, number];
   /** A motion of the proposal: by so much. */

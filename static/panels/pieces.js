@@ -2,10 +2,10 @@
 // placed by the garment.
 
 import { PagePart } from "../page/page.js";
-import { drawLabel, strokeLoop } from "../canvas/marks.js";
+import { strokeLoop } from "../canvas/marks.js";
 import { applied, boxOf, boxOfPoints, cornersOf, inBox } from "../canvas/geometry.js";
-import { drawPieces } from "../canvas/pieces.js";
-import { byId, make, rebuild, smallButton, swatch, within } from "../page/dom.js";
+import { drawCaption, drawMoved, drawPieces } from "../canvas/pieces.js";
+import { byId, make, rebuild, smallButton, swatch } from "../page/dom.js";
 import { cm2, count, floatingOf, mm, percent } from "../page/format.js";
 
 const CLICK_PX = 4;
@@ -55,7 +55,7 @@ export class PiecesPanel extends PagePart {
     const placed = this.pieces.length - floating.length;
     return [
       make("h2", `Floating: ${count(floating.length, "piece")}, ${cm2(area)}`),
-      placed && make("p.note", `${count(placed, "piece")} placed by the garment.`),
+      placed && make("p.note", `${count(placed, "piece")} placed on the shape.`),
       floating.length > 0 && make("p.note", this.why ?? "Drag a piece on the flattened view to where it belongs."),
       make("ul.pieces", ...this.pieces.map((piece) => this.row(piece))),
     ];
@@ -91,7 +91,7 @@ export class PiecesPanel extends PagePart {
   /** The place that the garment has for a piece, to be accepted or refused like a proposal. */
   byGarment(/** @type {Piece} */ piece) {
     const place = this.places.get(piece.label);
-    if (!place) return piece.placed ? make("p.note", "Placed by the garment.") : null;
+    if (!place) return piece.placed ? make("p.note", piece.reason) : null;
     /** @param {string} title @param {boolean} accepted @param {string} tip */
     const button = (title, accepted, tip) =>
       this.page.decision(title, { type: "decide_piece", label: piece.label, accepted }, tip, false, {
@@ -162,26 +162,17 @@ export class PiecesPanel extends PagePart {
   }
 
   /** The piece where it is dragged to, and what it has in common with the shape there. */
-  drawHeld(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawHeld(/** @type {Style} */ style) {
     const { held, canvas } = this;
-    const shown = canvas.layer.shown;
     if (held?.dropped && canvas.overlay.shown) this.held = null;
-    if (!this.held || !held || !shown) return;
+    if (!this.held || !held) return;
     const [du, dv] = held.by;
-    const moved = cornersOf(boxOf(held.piece.grid)).map(([u, v]) => canvas.transform.toPane(u + du, v + dv));
-    context.save();
-    context.beginPath();
-    for (const { x, y } of moved) context.lineTo(x, y);
-    context.clip();
-    canvas.drawPicture(shown, shown.image, false, [0, du, dv]);
-    context.restore();
+    const corners = /** @type {UV[]} */ (cornersOf(boxOf(held.piece.grid)));
+    drawMoved(canvas, style, [corners], [0, du, dv]);
     const overlap = this.overlapOf(held.piece, held.by);
     const text = overlap < 1 ? "does not touch the shape" : `${cm2(overlap)} on the shape`;
-    context.font = "600 13px system-ui, sans-serif";
-    const width = context.measureText(text).width + 12;
-    const x = within(Math.min(...moved.map((at) => at.x)), 0, canvas.width - width);
-    const y = within(Math.max(...moved.map((at) => at.y)) + 4, 0, canvas.height - 20);
-    drawLabel(context, style, text, [x + 6, y + 10], [x, y, width, 20]);
+    const there = /** @type {UV[]} */ (corners.map(([u, v]) => [u + du, v + dv]));
+    drawCaption(canvas, style, text, there);
   }
 
   /** Each floating piece has a rectangle and its letter; one with a place by the garment its outline there. */
@@ -190,7 +181,7 @@ export class PiecesPanel extends PagePart {
     this.drawBrought();
     const beside = this.pieces.filter((piece) => !piece.placed);
     drawPieces(this.canvas, context, style, beside, this.chosen);
-    this.drawHeld(context, style);
+    this.drawHeld(style);
   }
 
   /** Where a piece comes to lie that goes along with the proposal. */

@@ -2,7 +2,7 @@
 
 import { applied, unapplied } from "../canvas/geometry.js";
 import { drawDot, strokeRimmed } from "../canvas/marks.js";
-import { buttonOf, byId, closeButton, make, numberBox, rebuild, setPressed, setText } from "../page/dom.js";
+import { buttonOf, byId, closeButton, make, rebuild, setPressed, setText } from "../page/dom.js";
 import { cm2, number } from "../page/format.js";
 
 const REACH_PX = 11;
@@ -10,7 +10,7 @@ const SEEN_EVERY_MS = 60;
 const FAR_BELOW = 0.2; // of the score: so much below the best place is far from it
 const LEAST_GAIN = 0.005; // of the score
 
-/** @typedef {{ own: UV; shape: UV | null; weight: number }} Pair `own` is a place in the proposal's own plane */
+/** @typedef {{ own: UV; shape: UV | null }} Pair `own` is a place in the proposal's own plane */
 /** @typedef {Point & { pair: Pair; index: number; end: "own" | "shape" }} End */
 
 export class Repair {
@@ -160,7 +160,7 @@ export class Repair {
       open.shape = [u, v];
       this.askResiduals();
     } else if (this.canvas.overlay.covers(...this.unmoved(u, v))) {
-      this.pairs.push({ own: this.toOwn(u, v), shape: null, weight: 1 });
+      this.pairs.push({ own: this.toOwn(u, v), shape: null });
       this.fit = null;
     } else {
       this.page.notify("info", "Click a point on the proposal first, then where it belongs on the shape.");
@@ -191,7 +191,6 @@ export class Repair {
       fit,
       new_uv_m: whole.map((p) => p.own),
       shape_uv_m: whole.map((p) => /** @type {UV} */ (p.shape)),
-      weights: whole.map((p) => p.weight),
     });
   }
 
@@ -209,16 +208,12 @@ export class Repair {
     const box = byId("pairs");
     box.hidden = !this.picking && !this.pairs.length;
     const enough = this.whole().length > 1;
-    rebuild(
-      box,
-      [this.picking, this.pairs.length, this.pairs.map((p) => [Boolean(p.shape), p.weight]), this.fit],
-      () => [
-        make("p.note", this.nextClick()),
-        this.pairs.length > 0 && make("ol.pairs", ...this.pairs.map((pair, i) => this.row(pair, i))),
-        enough &&
-          this.page.button("fit_pairs", this.fit ? `Fit pairs: ${number(this.fit.rms_mm)} mm rms` : "Fit pairs"),
-      ],
-    );
+    rebuild(box, [this.picking, this.pairs.length, this.pairs.map((p) => Boolean(p.shape)), this.fit], () => [
+      make("p.note", this.nextClick()),
+      this.pairs.length > 0 && make("ol.pairs", ...this.pairs.map((pair, i) => this.row(pair, i))),
+      enough &&
+        this.page.button("fit_pairs", this.fit ? `Fit pairs: ${number(this.fit.rms_mm)} mm rms` : "Fit pairs"),
+    ]);
   }
 
   nextClick() {
@@ -235,22 +230,10 @@ export class Repair {
       : residual === undefined
         ? "–"
         : `${number(residual)} mm, fitted ${number(this.fit?.fitted_mm[index])}`;
-    const weigh = (/** @type {ChangeEvent} */ event) => {
-      const weight = event.target.valueAsNumber;
-      if (weight > 0) pair.weight = weight;
-      else event.target.value = String(pair.weight);
-      this.askResiduals();
-    };
     return make(
       "li",
       make("b", String(index + 1)),
       make("span", text),
-      numberBox({ low: 0.1, high: 10, step: 0.1 }, pair.weight, {
-        label: `Weight of pair ${index + 1}`,
-        key: `weight-${index}`,
-        tip: "Weight of this pair",
-        change: weigh,
-      }),
       closeButton(`Remove pair ${index + 1}`, () => this.remove(index), { key: `unpair-${index}`, tip: "Remove" }),
     );
   }
@@ -314,10 +297,7 @@ export class Repair {
   /** @returns {UV} */
   fromOwn(/** @type {UV} */ [x, y]) {
     const { placement } = this;
-    if (!placement) return [x, y];
-    const [cu, cv] = this.canvas.center;
-    const [u, v] = applied(placement, x, y);
-    return applied(this.preview, u - cu, v - cv);
+    return placement ? applied(this.canvas.motion, ...applied(placement, x, y)) : [x, y];
   }
 
   toOwn(/** @type {number} */ u, /** @type {number} */ v) {
@@ -330,17 +310,7 @@ export class Repair {
     return at ? [at.theta_rad, at.u_m, at.v_m] : null;
   }
 
-  /** @returns {UV} */
   unmoved(/** @type {number} */ u, /** @type {number} */ v) {
-    const [cu, cv] = this.canvas.center;
-    const [x, y] = unapplied(this.preview, u, v);
-    return [x + cu, y + cv];
-  }
-
-  /** How the proposal is being moved, from its centre. @returns {Motion} */
-  get preview() {
-    const { theta, u, v } = this.canvas.preview;
-    const [cu, cv] = this.canvas.center;
-    return [theta, cu + u, cv + v];
+    return unapplied(this.canvas.motion, u, v);
   }
 }

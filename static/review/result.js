@@ -1,12 +1,10 @@
-// The result: how much cloth, how reliable, what is missing and why, what to review, and the data to take away.
+// The result: how much cloth, how reliable, what is missing and why, and the data to take away.
 
 import { PagePart } from "../page/page.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
 import { exportButton, showExports } from "../page/exports.js";
-import { addressOf } from "../joints/panel.js";
 import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
-import { doubtsOf, flagsOf } from "./timeline.js";
 
 const MOST = 4; // of each list
 const LEAST_CM2 = 1; // less is not worth a line
@@ -19,8 +17,6 @@ export class ResultPanel extends PagePart {
   closed = /** @type {string | null} */ (null); // the end for which it was closed
   /** @type {Fetched<Found>} */
   fetched = new Fetched(askJson, () => this.page.changed());
-  /** @type {Fetched<import("../page/messages").JointsInfo>} */
-  joints = new Fetched(askJson, () => this.page.changed());
   actions = { result: () => this.toggle() };
 
   get found() {
@@ -51,11 +47,11 @@ export class ResultPanel extends PagePart {
     this.section.hidden = !state.review || !layers || Boolean(state.pending) || !(ended || this.asked);
     if (this.section.hidden || !layers) return;
     this.fetched.want(`review/result.json?revision=${layers.revision}`);
-    this.joints.want(addressOf(this.page.thisSide));
+    this.page.joints.want();
     const found = this.found?.revision === layers.revision ? this.found : null;
     rebuild(
       this.section,
-      [state.views, state.sides?.certainty, layers, endedBy(state), found, state.other, this.joints.value],
+      [state.views, state.sides?.certainty, layers, endedBy(state), found, state.other, this.page.joints.found],
       () => this.build(state, layers, found),
     );
   }
@@ -90,7 +86,6 @@ export class ResultPanel extends PagePart {
       !found && make("p.note", { role: "status" }, "Looking for what was left out …"),
       found?.trouble && make("p.note", found.trouble),
       result && [this.leftOut(result.left_out), this.more(result.more, state)],
-      this.toReview(state),
       this.exports(state),
     ];
   }
@@ -109,7 +104,7 @@ export class ResultPanel extends PagePart {
 
   /** What most doubtful cloth hangs on, and the way to look at it. */
   jointDoubt() {
-    const joint = this.joints.value?.joints.find(({ weak }) => weak);
+    const joint = this.page.joints.joints.find(({ weak }) => weak);
     if (!joint) return null;
     const right = `${number(100 * joint.probability, 1)} %`;
     return make(
@@ -152,33 +147,13 @@ export class ResultPanel extends PagePart {
       !best.length && make("p.note", reason || "None would add a square centimetre."),
       make(
         "ul",
-        ...best.map(([view, area]) =>
-          this.link(view, `more-${view}`, `up to ${cm2(likely(area))}`, "", () =>
-            this.page.verdicts.propose(this.page.state.views[view]),
-          ),
-        ),
+        ...best.map(([view, area]) => {
+          const click = () => this.page.verdicts.propose(this.page.state.views[view]);
+          const figure = make("span", `up to ${cm2(likely(area))}`);
+          return make("li", make("button", { key: `more-${view}`, click }, make("b", `View ${view}`), figure));
+        }),
       ),
     ];
-  }
-
-  toReview(/** @type {State} */ state) {
-    const weak = state.views
-      .filter((view) => view.order && view.score !== null)
-      .sort(
-        (a, b) =>
-          Number(b.flagged) - Number(a.flagged) ||
-          doubtsOf(b).length - doubtsOf(a).length ||
-          (a.score ?? 0) - (b.score ?? 0),
-      )
-      .slice(0, 3);
-    if (!weak.length) return [];
-    const items = weak.map((view) => {
-      const flags = flagsOf(view, state).join(", ");
-      return this.link(view.index, `weak-${view.index}`, `score ${number(view.score, 2)}`, flags, () =>
-        this.page.verdicts.goTo(this.page.state.views[view.index]),
-      );
-    });
-    return [make("h3", "Weakest views"), make("ul", ...items)];
   }
 
   exports(/** @type {State} */ state) {
@@ -188,24 +163,6 @@ export class ResultPanel extends PagePart {
       "div.group",
       exportButton("data.zip", "Export data", notify, state.recording.name, kind),
       button("All exports …", () => showExports(notify, state), { key: "all-exports" }),
-    );
-  }
-
-  /**
-   * A line about a view; a press goes there.
-   * @param {number} index @param {string} id @param {string} figure @param {string} about
-   * @param {() => void} press
-   */
-  link(index, id, figure, about, press) {
-    return make(
-      "li",
-      make(
-        "button",
-        { key: id, click: press },
-        make("b", `View ${index}`),
-        make("span", figure),
-        about && make("small", about),
-      ),
     );
   }
 

@@ -99,7 +99,8 @@ def why_it_is_joined(tab):
     joint = {
         "area_cm2": 120.0, "evidence": 0.8, "weak": True, "probability": 0.1, "kept": False,
         "outline_uv_m": [[[u, v], [u + wide, v], [u + wide, v + high], [u, v + high]]],
-        "seam_uv_m": seam, "seam_xyz_m": [[0.0, 0.0, 0.85]],
+        "ends_uv_m": [[[u, v], [u, v]] for u, v in seam], "length_m": [0.0] * len(seam), "places": [],
+        "seam_xyz_m": [[0.0, 0.0, 0.85]],
         "views": [
             {"view_index": 1, "angle_deg": 30.0, "pairs": 14, "residual_mm": [1.2, 3.4], "rc": [[60, 60]]}
         ],
@@ -115,7 +116,7 @@ def why_it_is_joined(tab):
     page.keyboard.press("Shift+Y")
     panel = page.get_by_role("region", name="Why joined")
     expect(panel.get_by_role("group", name="Part 1")).to_contain_text("14 pairs of 1 view")
-    expect(panel).to_contain_text("right with a probability of 10.0 %")
+    expect(panel).to_contain_text("10.0 % sure")
     panel.get_by_role("button", name="1 · 30°").click()
     tab.until("flatcloth.sources.drawn.view === 1")
     # The source image is as large as wanted, and the wheel zooms into it.
@@ -137,7 +138,8 @@ def why_it_is_joined(tab):
     page.mouse.click(at["x"], at["y"])
     tab.until("flatcloth.joints.chosen === 0")
     assert tab.findings() == []
-    panel.get_by_role("button", name="Cut here").click()
+    panel.get_by_role("button", name="Elsewhere").click()
+    panel.get_by_role("button", name="Cut it off").click()
     page.locator(".toast", has_text="The shape has changed").wait_for()
     page.keyboard.press("Escape")
     page.unroute("**/joints/*.json*")

@@ -7,7 +7,7 @@ import pytest
 
 from flatcloth.core.errors import EvaluationError
 from flatcloth.core.types import FlattenedView, Intrinsics, RgbdFrame, Rigid2
-from flatcloth.engine.evaluation import Evaluation, compare, picture, trimmed_fit
+from flatcloth.engine.evaluation import Evaluation, compare, trimmed_fit
 
 SIZE = 200
 PIXEL = 0.002
@@ -142,21 +142,3 @@ def test_a_result_without_any_truth_is_an_error() -> None:
     sheet.panel[:] = 1
     with pytest.raises(EvaluationError, match="nothing to compare"):
         figures(result(sheet), sheet)
-
-
-def test_the_picture_shows_result_truth_and_error_side_by_side() -> None:
-    sheet = FlatSheet()
-    shown = picture(compare(result(sheet), sheet.truth, sheet))  # type: ignore[arg-type]
-    assert shown.dtype == np.uint8
-    assert shown.shape[1] % 3 == 0
-    assert shown.shape[0] >= SIZE * PIXEL * 400
-
-
-def test_the_picture_shades_what_was_reachable_where_it_is() -> None:
-    sheet = FlatSheet()
-    right = np.zeros((SIZE, SIZE), dtype=bool)
-    right[:, 100:] = True
-    shown = picture(compare(result(sheet, keep=right), sheet.truth, sheet))  # type: ignore[arg-type]
-    panel = shown[shown.shape[0] // 2, : shown.shape[1] // 3, 0]
-    assert panel[2] == 64  # left of the result, where the sheet goes on
-    assert panel[-2] == 24  # right of it, where it does not

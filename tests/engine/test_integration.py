@@ -19,7 +19,7 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
 from flatcloth.garments.deciding import decided_part
-from flatcloth.garments.links import DoubtedLink
+from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.session.garment import DecideLink
 from flatcloth.session.machine import (
     UNSURE,
@@ -307,7 +307,8 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     assert cloth is not None
     assert whole.placement_std_m is not None
     middle = np.nanpercentile(cloth.uv_m[:, 1], 70)
-    link = DoubtedLink(part=cloth.uv_m[:, 1] > middle, probability=0.84, area_m2=0.01, moved_m=0.5)
+    elsewhere = GarmentPlace(Rigid2(0.0, 0.5, 0.0), 0.5, 1.0, 0.0)
+    link = DoubtedLink(part=cloth.uv_m[:, 1] > middle, probability=0.84, area_m2=0.01, place=elsewhere)
     assert link.std_m == pytest.approx(0.4 * 0.5)
     doubted = apply(
         state, DecideLink(decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m))

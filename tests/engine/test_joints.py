@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from flatcloth.core.types import MIRROR, Rigid2
 from flatcloth.engine.outcome import lines_of
-from flatcloth.engine.results.joints import alternatives, joints_of
+from flatcloth.engine.results.joints import Alternative, alternatives, joints_of, with_places
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part
-from flatcloth.garments.links import DoubtedLink
+from flatcloth.garments.links import DoubtedLink, GarmentPlace
+from flatcloth.methods.answers import Seam
 from flatcloth.shape.joints import false_share
 
 WEAK, OFF_M = 0.05, 0.004
@@ -54,12 +58,12 @@ def test_a_weakly_joined_part_is_found_with_the_view_the_pairs_and_the_residuals
 def test_a_joint_is_as_probable_as_its_evidence_says_and_certain_without_noise(cloth) -> None:
     (joint,) = joints_of(cloth)
     assert joint.probability == pytest.approx(1.0 - float(false_share(np.array(joint.evidence))))
-    (right, none), (wrong, elsewhere) = alternatives([joint])
-    assert (none, elsewhere) == (None, joint)
-    assert (right, wrong) == pytest.approx((joint.probability, 1.0 - joint.probability))
+    right, wrong = alternatives([joint])
+    assert (right.joint, wrong.joint, wrong.place) == (None, joint, None)
+    assert (right.probability, wrong.probability) == pytest.approx((joint.probability, 1 - joint.probability))
     (certain,) = joints_of(replace(cloth, is_noisy=False))
     assert certain.probability == 1.0
-    assert alternatives([certain]) == [(1.0, None)]
+    assert alternatives([certain]) == [Alternative(1.0)]
 
 
 def test_a_part_has_the_probability_that_a_garment_or_a_seam_leaves_it_until_it_is_kept(cloth) -> None:
@@ -71,6 +75,34 @@ def test_a_part_has_the_probability_that_a_garment_or_a_seam_leaves_it_until_it_
     assert (joint.probability, joint.is_kept) == (0.7, False)
     (joint,) = joints_of(cloth, [doubted], [decided_part(cloth, found.part, 1.0, taken_off=False)])
     assert (joint.probability, joint.is_kept) == (1.0, True)
+
+
+def test_a_part_in_doubt_has_the_places_that_garment_and_seams_know_for_it(cloth) -> None:
+    (found,) = joints_of(cloth)
+    there, along = Rigid2(0.3, 0.1, 0.0), Rigid2(0.0, 0.0, 0.2)
+    place = GarmentPlace(there, 0.2, 0.4, 0.0)
+    link = DoubtedLink(part=found.part, probability=0.1, area_m2=0.03, place=place)
+    (doubted,) = joints_of(cloth, [link])
+    rim = cloth.uv_m[doubted.part][:20]
+    seam = Seam(
+        this_piece=0, other_piece=0, this_uv_m=rim, other_uv_m=along.apply(rim) * MIRROR,
+        xyz_m=np.zeros((20, 3)), views=np.zeros((20, 2), dtype=np.int16), residual_m=np.zeros(20),
+        why="it contradicts a surer one", probability=0.3,
+    )  # fmt: skip
+    known: Any = SimpleNamespace(links=[link], sides=SimpleNamespace(seams=[seam]))
+    (joint,) = with_places([doubted], cloth, known)
+    by_seams, by_garment = joint.places
+    assert (by_seams.by, by_garment.by) == ("seams", "garment")
+    np.testing.assert_allclose(by_seams.shape_from_part.apply(rim), along.apply(rim), atol=1e-9)
+    assert by_garment.shape_from_part == there
+    assert (by_seams.probability, by_garment.probability) == pytest.approx((0.3, 0.4 * (0.9 - 0.3)))
+    listed = alternatives([joint])
+    # Lying anywhere else has the rest, .36; then come the places by seams, by the garment, and as it is.
+    assert [a.place and a.place.by for a in listed] == [None, "seams", "garment", None]
+    assert listed[-1].joint is None
+    assert sum(a.probability for a in listed) == pytest.approx(1.0)
+    assert with_places([replace(doubted, probability=1.0)], cloth, known)[0].places == ()
+    assert with_places([doubted], cloth, "No garment.") == [doubted]
 
 
 def test_the_report_names_the_joint_that_most_doubtful_cloth_hangs_on() -> None:

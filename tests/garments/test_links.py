@@ -115,9 +115,10 @@ def test_a_sleeve_that_grows_from_the_hem_is_doubted() -> None:
     assert is_suspect(fits[0], shape)
     links = doubted_links(fits, shape, cloth)
     assert is_offered(links[0])
-    assert links[0].moved_m > 0.08
+    assert links[0].place is not None
+    assert links[0].place.moved_m > 0.08
     chance = links[0].probability
-    assert links[0].std_m == pytest.approx((1.0 - chance) ** 0.5 * links[0].moved_m)
+    assert links[0].std_m == pytest.approx((1.0 - chance) ** 0.5 * links[0].place.moved_m)
     assert (links[0].part == sleeve).mean() > 0.98
     own, rest = split(shape, cloth, links[0].part)
     assert len(own.edge_uv_m) + len(rest.edge_uv_m) == len(shape.edge_uv_m)

@@ -21,7 +21,6 @@ from flatcloth.shape.observations import (
     PlacedView,
     associate,
     averaged,
-    no_nodes,
     observe,
     observe_all,
 )
@@ -31,8 +30,11 @@ OFF_M = 0.001
 SLOPE = 1.0
 
 
+NO_NODES = Nodes(xyz_m=np.zeros((0, 3)), normal=np.zeros((0, 3)), weight=np.zeros(0))
+
+
 def seen_alone(surface: Surface) -> Observation:
-    return observe(no_nodes(), associate(no_nodes(), surface, STILL), surface, STILL, INTERVAL_PX)[1]
+    return observe(NO_NODES, associate(NO_NODES, surface, STILL), surface, STILL, INTERVAL_PX)[1]
 
 
 def test_the_error_of_a_noisy_view_moves_no_node_along_steep_cloth() -> None:
@@ -91,7 +93,7 @@ def test_cloth_that_a_view_knows_from_another_gets_no_second_nodes() -> None:
 def test_the_ways_between_nodes_of_a_cylinder_are_those_of_the_cloth_unrolled() -> None:
     cylinder = Cylinder(angles_deg=(0.0,), radius_m=0.05)
     surface = observe_surface(cylinder[0], AXIS, SurfaceConfig())
-    nodes, seen = observe(no_nodes(), associate(no_nodes(), surface, STILL), surface, STILL, INTERVAL_PX)
+    nodes, seen = observe(NO_NODES, associate(NO_NODES, surface, STILL), surface, STILL, INTERVAL_PX)
     graph, _ = graph_of(nodes, [seen], [STILL])
     arm = nodes.xyz_m - AXIS.point_m
     flat = np.stack([np.arctan2(arm[:, 0], -arm[:, 2]) * 0.05, arm[:, 1]], axis=1)

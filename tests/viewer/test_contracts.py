@@ -417,7 +417,7 @@ def test_a_refinement_of_what_was_changed_meanwhile_is_dropped_and_told(server, 
     assert [c.how for c in folder.recorded if isinstance(c, Nudge)] == ["move", "move"]
 
 
-PAIRS = {"new_uv_m": [[0.0, 0.0], [0.1, 0.0]], "shape_uv_m": [[0.02, 0.0], [0.02, 0.12]], "weights": [1, 1]}
+PAIRS = {"new_uv_m": [[0.0, 0.0], [0.1, 0.0]], "shape_uv_m": [[0.02, 0.0], [0.02, 0.12]]}
 
 
 def pairs(tab: Tab, **more: Any) -> dict[str, Any]:
@@ -430,10 +430,9 @@ def test_pairs_tell_their_residuals_fit_as_one_decision_and_go_with_the_proposal
         tab.proposed()
         for more, text in (
             ({"view_index": 2}, "The proposal has changed; look again."),
-            ({"weights": [1]}, "a weight each"),
-            ({"weights": [1, 0]}, "weights[1] is 0; expected a number > 0.0"),
-            ({"weights": [1] * 51}, "weights is a list of 51; expected a list of length <= 50"),
-            ({"new_uv_m": [[0, 0]], "shape_uv_m": [[0, 0]], "weights": [1]}, "at least two pairs of points"),
+            ({"new_uv_m": [[0, 0]]}, "one of the shape each"),
+            ({"new_uv_m": [[0, 0]] * 51}, "new_uv_m is a list of 51; expected a list of length <= 50"),
+            ({"new_uv_m": [[0, 0]], "shape_uv_m": [[0, 0]]}, "at least two pairs of points"),
             ({"shape_uv_m": [[0, 0], [0, 0]]}, "pick pairs farther apart"),
             ({"shape_uv_m": [[0, 0], [0, "x"]]}, "shape_uv_m[1][1] is text; expected a number"),
             ({"shape_uv_m": [[0, 0], [0]]}, "shape_uv_m[1] is a list of 1; expected a list of length 2"),

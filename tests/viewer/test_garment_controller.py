@@ -19,7 +19,7 @@ from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.garment import garment_document, lines_of, outcome_entry
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import DecidedPieces, decided_parts, decided_pieces
-from flatcloth.garments.links import DoubtedLink
+from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, recognise
 from flatcloth.methods.answers import Canonical, DoubtedJoint, JoinedSides
@@ -268,7 +268,7 @@ def test_run_takes_off_what_seams_show_to_be_joined_falsely_and_else_makes_it_un
 
 
 def test_run_makes_what_a_doubted_link_joins_unsure_once_and_still_asks(service, doubted) -> None:
-    service.links = (dataclasses.replace(doubted, moved_m=0.5),)
+    service.links = (dataclasses.replace(doubted, place=GarmentPlace(Rigid2(), 0.5, 1.0, 0.0)),)
     session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
     known = place_sure_pieces(service, session)
     (part,) = session.state.document.garment.parts

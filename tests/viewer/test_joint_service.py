@@ -88,7 +88,12 @@ def test_a_decision_is_about_the_shape_that_was_shown(service) -> None:
     decision = service.decision(DecideJoint(revision=3, index=0, cut=True))
     assert decision.part.taken_off
     assert max(u for u, _ in decision.part.part.uv_m) < 10 * SPACING_M
-    assert not service.decision(DecideJoint(revision=3, index=0, cut=False)).part.taken_off
+    kept = service.decision(DecideJoint(revision=3, index=0, cut=False))
+    assert (kept.part.taken_off, kept.part.by_hand, kept.place) == (False, True, None)
+    laid = service.decision(DecideJoint(revision=3, index=0, cut=True, place=(0.0, 0.1, 0.2)))
+    assert laid.place is not None
+    assert np.allclose(np.array(laid.place.piece.uv_m) - laid.part.part.uv_m, (0.1, 0.2))
+    assert (laid.place.by_hand, laid.place.shape) == (True, laid.part.rest)
     for revision, index in ((2, 0), (3, 1)):
         with pytest.raises(FlatclothError, match="look again"):
             service.decision(DecideJoint(revision=revision, index=index, cut=True))

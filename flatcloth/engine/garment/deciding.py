@@ -7,7 +7,7 @@ import numpy as np
 from flatcloth.core.types import Float64
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.garments.deciding import decided_part, is_decided, placed_piece
-from flatcloth.garments.links import DoubtedLink, is_wrong
+from flatcloth.garments.links import is_wrong
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, is_sure
 from flatcloth.methods.answers import Canonical
@@ -41,7 +41,9 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
     for _ in range(_MOST_ROUNDS):
         if isinstance(known, str) or not known.links or not is_wrong(known.links[0]):
             break
-        session.record(link_decision(known, known.links[0], taken_off=True))
+        assert known.cloth is not None, "links are doubted on known cloth"
+        link = known.links[0]
+        session.record(DecideLink(decided_part(known.cloth, link.part, link.probability, taken_off=True)))
         known = service.known(session.state.document)
     if isinstance(known, str):
         return known
@@ -100,12 +102,6 @@ def _with_sure_pieces(known: KnownGarment, service: GarmentService, session: Kee
         if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused, *unsure}:
             session.record(DecidePiece(piece_decision(known.canonical, piece, accepted=True)))
     return service.known(session.state.document)
-
-
-def link_decision(known: KnownGarment, link: DoubtedLink, *, taken_off: bool) -> DecideLink:
-    """Return the decision about a link that no garment allows."""
-    assert known.cloth is not None, "links are doubted on known cloth"
-    return DecideLink(decided_part(known.cloth, link.part, link.probability, taken_off=taken_off))
 
 
 def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> PlacedPiece:

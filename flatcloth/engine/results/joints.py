@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from flatcloth.core.types import Bool, Float64, Int64
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import MIRROR, Bool, Float64, Int64, Rigid2
+from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_parts, is_same_part, last_decisions
 from flatcloth.garments.evidence import LEAST_AREA_M2
-from flatcloth.garments.links import DoubtedLink
+from flatcloth.garments.fit import APART_M
+from flatcloth.garments.links import DoubtedLink, place_elsewhere, split
 from flatcloth.session.garment import DoubtedPart
 from flatcloth.shape.graph import pairs_once
 from flatcloth.shape.joints import seen_often, weak_joints
@@ -34,23 +38,42 @@ class HeldBy:
     xyz_m: Float64
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where a part lies if its joint is false: what says so, its motion there, and how probable that is."""
+
+    by: Literal["garment", "seams"]
+    shape_from_part: Rigid2
+    probability: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Joint:
     """Where a part of the shape hangs on the rest.
 
     ``part`` (N,) are the samples behind the joint, ``share`` their share of all; ``evidence`` is that of the
-    pairs across, ``probability`` that the joint is right. ``seam_uv_m`` (K, 2), ``seam_xyz_m`` (K, 3) are the
-    middles of the different pairs across; ``views`` have most pairs first. ``is_kept``: the operator says so.
+    pairs across, ``probability`` that the joint is right. ``ends_uv_m`` (K, 2, 2) are the ends of the
+    different pairs across, that of the part first, and ``length_m`` (K,) their lengths along the cloth;
+    ``seam_xyz_m`` (K, 3) their middles. ``views`` have most pairs first. ``is_kept``: the operator says so.
+    ``places`` are those that :func:`with_places` finds.
     """
 
     part: Bool
     share: float
     evidence: float
     probability: float
-    seam_uv_m: Float64
+    ends_uv_m: Float64
+    length_m: Float64
     seam_xyz_m: Float64
     views: tuple[HeldBy, ...]
     is_kept: bool
+    places: tuple[Place, ...] = ()
+
+    @property
+    def seam_uv_m(self) -> Float64:
+        """(K, 2) the middles of the pairs across."""
+        middle: Float64 = self.ends_uv_m.mean(axis=1)
+        return middle
 
 
 def joints_of(
@@ -66,6 +89,7 @@ def joints_of(
     pairs, pair = pairs_once(cloth.edges[joined])
     evidence = np.bincount(pair, cloth.evidence[joined]).astype(np.float64)
     counted = seen_often(evidence, np.bincount(pair))
+    length_m = np.bincount(pair, cloth.length_m[joined]) / np.bincount(pair)
     parts = [(link.part, link.probability) for link in doubted]
     parts += [
         (part, decided.probability) for decided, part in last_decisions(cloth, decisions) if decided.std_m
@@ -80,6 +104,7 @@ def joints_of(
         if not across.size or np.count_nonzero(part) < least:
             continue
         apart = part[pairs[:, 0]] != part[pairs[:, 1]]
+        ends = np.where(part[pairs[apart, :1]], pairs[apart], pairs[apart, ::-1])
         is_kept = any(is_same_part(part, other) for other in kept)
         found.append(
             Joint(
@@ -87,8 +112,9 @@ def joints_of(
                 share=np.count_nonzero(part) / np.count_nonzero(cloth.placed),
                 evidence=float(counted[apart].sum()),
                 probability=1.0 if is_kept else probability,
-                seam_uv_m=cloth.uv_m[pairs[apart]].mean(axis=1),
-                seam_xyz_m=cloth.xyz_m[pairs[apart]].mean(axis=1),
+                ends_uv_m=cloth.uv_m[ends],
+                length_m=length_m[apart],
+                seam_xyz_m=cloth.xyz_m[ends].mean(axis=1),
                 views=_views(cloth, across),
                 is_kept=is_kept,
             )
@@ -96,17 +122,62 @@ def joints_of(
     return sorted(found, key=lambda joint: (-joint.share * (1.0 - joint.probability), joint.evidence))
 
 
-def alternatives(found: Sequence[Joint]) -> list[tuple[float, Joint | None]]:
-    """Return what the shape may be, the most probable first, each with its probability.
+def with_places(found: Sequence[Joint], cloth: Cloth, known: KnownGarment | str | None) -> list[Joint]:
+    """Return the joints of a shape with the places that its garment, or seams, have for parts in doubt.
 
-    None stands for the shape as it is; a joint for the shape in which this joint is false and its part lies
-    elsewhere. Shapes with several false joints are not listed: they have the rest of the probability.
+    It takes a second for each of them.
+    """
+    if known is None or isinstance(known, str):
+        return list(found)
+    return [replace(joint, places=tuple(_places(joint, cloth, known))) for joint in found]
+
+
+def _places(joint: Joint, cloth: Cloth, known: KnownGarment) -> Iterator[Place]:
+    left, own_uv_m = 1.0 - joint.probability, cloth.uv_m[joint.part]
+    if left <= 0.0:
+        return
+    for seam in () if known.sides is None else known.sides.seams:
+        if seam.why and seam.this_piece == seam.other_piece == 0:
+            own = cloth.at(seam.this_uv_m, joint.part) & np.isfinite(seam.other_uv_m[:, 0])
+            if 2 * np.count_nonzero(own) > len(own):
+                motion = fit_rigid2(seam.this_uv_m[own], seam.other_uv_m[own] * MIRROR)
+                if np.linalg.norm(motion.apply(own_uv_m) - own_uv_m, axis=1).mean() > APART_M:
+                    yield Place("seams", motion, min(left, seam.probability))
+                    left -= min(left, seam.probability)
+    place = next((link.place for link in known.links if link.part is joint.part), None)
+    if place is None:
+        part, rest = split(known.evidence[0].this_side, cloth, joint.part)
+        place = place_elsewhere([known.found.fit], rest, part)
+    if place is not None:
+        yield Place("garment", place.shape_from_part, left * place.probability)
+
+
+class Alternative(NamedTuple):
+    """What the shape may be: as it is, or a ``joint`` is false and its part lies at a ``place``.
+
+    Where no place is known, the part lies anywhere else.
+    """
+
+    probability: float
+    joint: Joint | None = None
+    place: Place | None = None
+
+
+def alternatives(found: Sequence[Joint]) -> list[Alternative]:
+    """Return what the shape may be, the most probable first.
+
+    Shapes with several false joints are not listed: they have the rest of the probability.
     """
     right = math.prod(joint.probability for joint in found)
-    wrong = [
-        (right * (1.0 - j.probability) / max(j.probability, 1e-9), j) for j in found if j.probability < 1.0
-    ]
-    return sorted([(right, None), *wrong], key=lambda each: -each[0])
+    listed = [Alternative(right)]
+    for joint in found:
+        others, left = right / max(joint.probability, 1e-9), 1.0 - joint.probability
+        for place in joint.places:
+            listed.append(Alternative(others * place.probability, joint, place))
+            left -= place.probability
+        if left > 0.0:
+            listed.append(Alternative(others * left, joint))
+    return sorted(listed, key=lambda each: -each.probability)
 
 
 def _views(cloth: Cloth, across: Int64) -> tuple[HeldBy, ...]:

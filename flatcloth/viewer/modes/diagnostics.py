@@ -35,31 +35,16 @@ def diagnostics_routes(page: PageController) -> list[BaseRoute]:
         picture = page.picture
         if picture is None or picture.overlay is None or (picture.revision, picture.overlay.revision) != key:
             return None
-        document, config = picture.document, page.integration.planning
+        document = picture.document
         assert document is not None
-        return diagnostics_info(
-            kept.get(key, lambda: reasons(page.integration, document)),
-            picture,
-            limit_deg=config.z_angle_limit_deg,
-            overlap_cm2=1e4 * config.overlap_area_m2,
-        )
+        found = kept.get(key, lambda: reasons(page.integration, document))
+        lines = found.correspondence
+        if lines is not None:
+            lines = replace(lines, current=_thinned(lines.current), new=_thinned(lines.new))
+        shown = replace(found, correspondence=lines, pairs=None)
+        return DiagnosticsInfo(reasons=shown, pairs=_pairs(found, picture))
 
     return [http.get("/diagnostics/{revision:int}-{overlay:int}.json", info, gone=_GONE)]
-
-
-def diagnostics_info(
-    found: Reasons, picture: Picture, *, limit_deg: float, overlap_cm2: float
-) -> DiagnosticsInfo:
-    """Return the diagnostics for the page: of lines and pairs a selection."""
-    lines = found.correspondence
-    if lines is not None:
-        lines = replace(lines, current=_thinned(lines.current), new=_thinned(lines.new))
-    return DiagnosticsInfo(
-        limit_deg=limit_deg,
-        overlap_cm2=overlap_cm2,
-        reasons=replace(found, correspondence=lines, pairs=None),
-        pairs=_pairs(found, picture),
-    )
 
 
 def _pairs(found: Reasons, picture: Picture) -> ShownPairs | None:

@@ -10,10 +10,10 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Float64
-from flatcloth.engine.results.joints import HeldBy, Joint, joints_of
+from flatcloth.core.types import Float64, Rigid2
+from flatcloth.engine.results.joints import HeldBy, Joint, joints_of, with_places
 from flatcloth.flattening.cloth import Cloth
-from flatcloth.garments.deciding import decided_part, pixels_of_part
+from flatcloth.garments.deciding import decided_part, pixels_of_part, placed_by_hand
 from flatcloth.grasping.visibility import Visibility
 from flatcloth.session.garment import DecideLink
 from flatcloth.session.machine import Document
@@ -53,7 +53,9 @@ class JointService:
         if asked.index >= len(joints):
             raise FlatclothError(CHANGED)
         joint = joints[asked.index]
-        return DecideLink(decided_part(cloth, joint.part, joint.probability, taken_off=asked.cut))
+        part = decided_part(cloth, joint.part, joint.probability, taken_off=asked.cut)
+        part = replace(part, by_hand=True)
+        return DecideLink(part, placed_by_hand(part, Rigid2(*asked.place)) if asked.place else None)
 
     def _document(self, revision: int) -> Document:
         picture = self._page.picture
@@ -66,13 +68,13 @@ class JointService:
             cloth = self._page.integration.cloth(document)
             if cloth is None:
                 raise FlatclothError(NO_LINKS.format(self._page.integration.method))
-            last = self._page.garments.last
-            of_this = last is not None and last.cloth is not None and last.cloth.edges is cloth.edges
-            doubted = last.links if last is not None and of_this else ()
-            return cloth, joints_of(cloth, doubted, document.garment.parts)
+            is_of_this = last is not None and last.is_of(self._page.integration.canonical(document))
+            known = last if is_of_this else None
+            found = joints_of(cloth, () if known is None else known.links, document.garment.parts)
+            return cloth, with_places(found, cloth, known)
 
-        key = document.shape_key, document.garment.parts, id(self._page.garments.last)
-        return self._found.get(key, find)
+        last = self._page.garments.last
+        return self._found.get((document.shape_key, document.garment.parts, id(last)), find)
 
     def _info(self, request: Request) -> JointsInfo:
         revision = request.path_params["revision"]
@@ -94,9 +96,11 @@ class JointService:
                     probability=joint.probability,
                     kept=joint.is_kept,
                     outline_uv_m=outline_of(own),
-                    seam_uv_m=np.round(joint.seam_uv_m[some], 4).tolist(),
+                    ends_uv_m=np.round(joint.ends_uv_m[some], 4).tolist(),
+                    length_m=np.round(joint.length_m[some], 4).tolist(),
                     seam_xyz_m=np.round(joint.seam_xyz_m[some], 4).tolist(),
                     views=[self._view(held) for held in joint.views],
+                    places=joint.places,
                 )
             )
         return JointsInfo(revision=revision, joints=shown)

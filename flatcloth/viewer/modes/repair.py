@@ -109,11 +109,11 @@ def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:
     FlatclothError
         If there are too few pairs, or they do not determine a motion.
     """
-    if not len(pairs.new_uv_m) == len(pairs.shape_uv_m) == len(pairs.weights):
-        raise FlatclothError("Pairs need a point of the proposal, one of the shape and a weight each.")
+    if len(pairs.new_uv_m) != len(pairs.shape_uv_m):
+        raise FlatclothError("Pairs need a point of the proposal and one of the shape each.")
     own = np.array(pairs.new_uv_m, dtype=np.float64).reshape(-1, 2)
     there = np.array(pairs.shape_uv_m, dtype=np.float64).reshape(-1, 2)
-    return fit_pairs(placement.apply(own), there, np.array(pairs.weights))
+    return fit_pairs(placement.apply(own), there)
 
 
 def fitted(

@@ -8,6 +8,7 @@ import msgspec
 from msgspec import Meta
 
 from flatcloth.engine.diagnostics import Reasons
+from flatcloth.engine.results.joints import Place
 from flatcloth.engine.results.result import Result
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.sent import RC, UV, XYZ, Direction, Grid, Legend, Note, Progress, Sent
@@ -159,6 +160,7 @@ class JointInfo(Sent, frozen=True):
     """Where a part of the shape is joined to the rest, and what holds it.
 
     ``evidence`` is that of the pairs across, ``probability`` that the joint is right; ``weak``: in doubt.
+    ``ends_uv_m`` are the ends of pairs, that of the part first, with their lengths along the cloth.
     """
 
     area_cm2: float
@@ -167,9 +169,11 @@ class JointInfo(Sent, frozen=True):
     probability: float
     kept: bool
     outline_uv_m: list[list[UV]]
-    seam_uv_m: list[UV]
+    ends_uv_m: list[tuple[UV, UV]]
+    length_m: list[float]
     seam_xyz_m: list[XYZ]
     views: list[HeldByView]
+    places: tuple[Place, ...]
 
 
 class JointsInfo(Sent, frozen=True):
@@ -206,10 +210,8 @@ class ShownPairs(Sent, frozen=True):
 
 
 class DiagnosticsInfo(Sent, frozen=True):
-    """What speaks for and against a proposal, with the limits of the method."""
+    """What speaks for and against a proposal."""
 
-    limit_deg: float
-    overlap_cm2: float
     reasons: Reasons
     pairs: ShownPairs | None
 

@@ -48,7 +48,6 @@ StrokePlaces = Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, m
 """A line of places (u, v) of the flattened plane."""
 BrushRadius = Annotated[float, Meta(gt=0.0, le=MAX_BRUSH_M)]
 StrokeSide = Literal["this", "other"]
-Weights = Annotated[tuple[Annotated[float, Meta(gt=0.0, le=1e6)], ...], Meta(max_length=MAX_PAIRS)]
 SessionAction = Literal[
     "step", "view", "accept", "reject", "skip", "reopen", "undo", "redo", "cancel", "restart"
 ]
@@ -124,13 +123,12 @@ class Refine(Said, tag="refine", frozen=True, kw_only=True):
 class Pairs(Said, tag="pairs", frozen=True, kw_only=True):
     """Pairs of points: of the pending view, in its own plane, and of the shape; ``fit`` moves it so.
 
-    ``weights`` one a pair. Without ``fit`` only the residuals are asked for.
+    Without ``fit`` only the residuals are asked for.
     """
 
     view_index: Count
     new_uv_m: Points
     shape_uv_m: Points
-    weights: Weights
     fit: bool = False
 
 
@@ -348,11 +346,15 @@ class DecidePiece(Said, tag="decide_piece", frozen=True, kw_only=True):
 
 
 class DecideJoint(Said, tag="decide_joint", frozen=True, kw_only=True):
-    """Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``."""
+    """Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``.
+
+    What is cut off lies elsewhere if there is a ``place``: a turn and a shift of the plane.
+    """
 
     revision: Count
     index: Annotated[int, Meta(ge=0)]
     cut: bool
+    place: tuple[Radians, Metres, Metres] | None = None
 
 
 class PickPoint(Said, tag="pick_point", frozen=True, kw_only=True):

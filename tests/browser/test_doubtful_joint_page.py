@@ -1,0 +1,91 @@
+"""A doubtful shape: what hangs on a weak joint is told first; the part is seen elsewhere, and laid there."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from playwright.sync_api import expect
+
+TURN_RAD = 0.3
+
+
+def with_a_place(route):
+    """Answer with the joints of the shape; a made-up garment has a place for the part of the first."""
+    response = route.fetch()
+    found = response.json()
+    if found["joints"]:
+        joint = found["joints"][0]
+        u, v = joint["ends_uv_m"][len(joint["ends_uv_m"]) // 2][0]
+        cos, sin = math.cos(TURN_RAD), math.sin(TURN_RAD)
+        motion = {"theta_rad": TURN_RAD, "u_m": u - cos * u + sin * v, "v_m": v - sin * u - cos * v}
+        joint["places"] = [{"by": "garment", "shape_from_part": motion, "probability": 0.01}]
+    route.fulfill(response=response, body=json.dumps(found))
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("program", ["recordings/shirt-corner-d435"], indirect=True)
+def test_a_doubtful_shape_is_found_understood_and_repaired_by_four_keys_that_the_page_names(open_tab) -> None:
+    tab = open_tab(1366, 768).ready()
+    page = tab.page
+    page.route("**/joints/*.json*", with_a_place)
+    page.keyboard.press("Shift+E")
+    first = page.locator("#result p").first
+    expect(first).to_contain_text("hang on one joint that is right with a probability of")
+    expect(first.locator("kbd")).to_have_text("⇧Y")
+    page.keyboard.press("Shift+Y")
+    panel = page.get_by_role("region", name="Why joined")
+    places = panel.get_by_role("group", name="Where the part lies")
+    expect(places.locator("[aria-pressed=true]")).to_contain_text("As it is")
+    expect(panel.locator("[data-action=joint_next] kbd")).to_have_text(".")
+    page.keyboard.press(".")
+    expect(places.locator("[aria-pressed=true]")).to_contain_text("By the garment")
+    expect(panel.locator("#joint-fit")).to_contain_text("mm off, gap")
+    expect(panel.locator("[data-action=joint_decide]")).to_have_text("Place it there A")
+    tab.shoot("joint-ghost")
+    page.keyboard.press("a")
+    tab.until("flatcloth.state.layers.pieces.some((piece) => piece.placed)")
+    placed = [piece["reason"] for piece in tab.state()["layers"]["pieces"] if piece["placed"]]
+    assert placed == ["Placed by hand: no view connects it."]
+    assert tab.state()["undo"] == "place a part by hand"
+    tab.shoot("joint-placed")
+
+    page.keyboard.press("u")
+    tab.until("!flatcloth.state.drawing && !flatcloth.state.layers.pieces.some((piece) => piece.placed)")
+    the_part_is_turned_by_its_handle_and_snaps(tab)
+    what_is_cut_off_is_told_as_the_operators_doing(tab)
+
+
+def the_part_is_turned_by_its_handle_and_snaps(tab):
+    tab.until("flatcloth.joints.held && flatcloth.handles.places")
+
+    def turn(by_rad):
+        canvas = tab.page.locator("#canvas").bounding_box()
+        at = tab.page.evaluate("flatcloth.handles.places")
+        (mx, my), (x, y) = ((at[name]["x"], at[name]["y"]) for name in ("middle", "ring"))
+        cos, sin = math.cos(by_rad), math.sin(by_rad)
+        to = mx + cos * (x - mx) - sin * (y - my), my + sin * (x - mx) + cos * (y - my)
+        tab.drag((canvas["x"] + x, canvas["y"] + y), (canvas["x"] + to[0], canvas["y"] + to[1]))
+
+    turn(0.05)
+    tab.until("flatcloth.joints.at === 0 && flatcloth.handles.snapped === 'As it is'")
+    turn(TURN_RAD + 0.04)
+    tab.until("flatcloth.joints.at === 1")
+    turn(0.4)
+    tab.until("flatcloth.joints.at === -1")
+    expect(tab.page.locator("[data-action=joint_decide]")).to_have_text("Place it here A")
+    told = tab.page.locator("#joint-fit")
+    before = told.text_content()
+    tab.page.keyboard.press("Shift+ArrowRight")
+    expect(told).not_to_have_text(before)
+    tab.shoot("joint-turned")
+    tab.page.keyboard.press("Escape")
+    tab.until("flatcloth.joints.at === 0")
+
+
+def what_is_cut_off_is_told_as_the_operators_doing(tab):
+    tab.page.get_by_role("button", name="Elsewhere").click()
+    tab.page.get_by_role("button", name="Cut it off").click()
+    tab.until("flatcloth.state.layers.pieces.some(({ reason }) => reason === 'Cut off the shape by hand.')")
+    assert tab.state()["undo"] == "cut a part off"
