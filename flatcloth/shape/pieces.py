@@ -42,8 +42,8 @@ def pieces_of(graph: Graph, holds: Bool, vouched: Bool) -> Int32:
     Only what hangs together by pairs is a piece; there is always one. Two of the pairs that the operator
     ``vouched`` (P,) for join two pieces.
     """
-    label = _connected(graph, holds & ~vouched)
-    label = _joined(label, *graph.pairs[vouched].T, graph.evidence[vouched])
+    first, second = graph.pairs[vouched].T
+    label = _joined(_connected(graph, holds & ~vouched), first, second, graph.evidence[vouched])
     inside = holds & (label[graph.pairs[:, 0]] == label[graph.pairs[:, 1]])
     part = components(len(graph), graph.pairs[inside])
     size = np.bincount(part)

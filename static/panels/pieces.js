@@ -4,12 +4,12 @@
 import { PagePart } from "../page/page.js";
 import { drawLabel, strokeLoop } from "../canvas/marks.js";
 import { applied, boxOf, boxOfPoints, cornersOf, inBox } from "../canvas/geometry.js";
+import { joiningText, overlapOfPiece, overlapOfProposal } from "../canvas/overlap.js";
 import { drawPieces } from "../canvas/pieces.js";
 import { byId, make, rebuild, smallButton, swatch, within } from "../page/dom.js";
 import { cm2, count, floatingOf, mm, percent } from "../page/format.js";
 
 const CLICK_PX = 4;
-const SAMPLE_M = 0.004; // between places at which an overlap is looked for
 
 export class PiecesPanel extends PagePart {
   name = "pieces";
@@ -147,21 +147,7 @@ export class PiecesPanel extends PagePart {
     this.canvas.redraw();
   }
 
-  /** How much of a piece would lie on the shape, moved by so much (cm2). */
-  overlapOf(/** @type {Piece} */ { grid }, /** @type {UV} */ [du, dv]) {
-    const { layer } = this.canvas;
-    const boxes = this.pieces.filter((one) => !one.placed).map((one) => boxOf(one.grid));
-    const { left, top, right, bottom } = boxOf(grid);
-    let n = 0;
-    for (let u = left; u < right; u += SAMPLE_M)
-      for (let v = top; v < bottom; v += SAMPLE_M) {
-        if (!layer.covers(u, v) || !layer.covers(u + du, v + dv)) continue;
-        n += Number(!boxes.some((box) => inBox(box, u + du, v + dv)));
-      }
-    return n * (100 * SAMPLE_M) ** 2;
-  }
-
-  /** The piece where it is dragged to, and what it has in common with the shape there. */
+  /** The piece where it is dragged to. */
   drawHeld(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { held, canvas } = this;
     const shown = canvas.layer.shown;
@@ -175,12 +161,17 @@ export class PiecesPanel extends PagePart {
     context.clip();
     canvas.drawPicture(shown, shown.image, false, [0, du, dv]);
     context.restore();
-    const overlap = this.overlapOf(held.piece, held.by);
-    const text = overlap < 1 ? "does not touch the shape" : `${cm2(overlap)} on the shape`;
-    context.font = "600 13px system-ui, sans-serif";
+    this.drawJoining(context, style, moved, overlapOfPiece(this.page, held.piece, held.by));
+  }
+
+  /** Below what is dragged, whether it joins there. */
+  drawJoining(/** @type {Context} */ context, /** @type {Style} */ style, /** @type {Point[]} */ at, overlap = 0) {
+    const { canvas } = this;
+    const text = joiningText(overlap);
+    context.font = "600 14px system-ui, sans-serif";
     const width = context.measureText(text).width + 12;
-    const x = within(Math.min(...moved.map((at) => at.x)), 0, canvas.width - width);
-    const y = within(Math.max(...moved.map((at) => at.y)) + 4, 0, canvas.height - 20);
+    const x = within(Math.min(...at.map((one) => one.x)), 0, canvas.width - width);
+    const y = within(Math.max(...at.map((one) => one.y)) + 4, 0, canvas.height - 20);
     drawLabel(context, style, text, [x + 6, y + 10], [x, y, width, 20]);
   }
 
@@ -191,6 +182,12 @@ export class PiecesPanel extends PagePart {
     const beside = this.pieces.filter((piece) => !piece.placed);
     drawPieces(this.canvas, context, style, beside, this.chosen);
     this.drawHeld(context, style);
+    const overlap = this.canvas.gesture && this.canvas.isMoved ? overlapOfProposal(this.page) : null;
+    if (overlap === null) return;
+    const { u, v } = this.canvas.preview;
+    const at = cornersOf(/** @type {Shown} */ (this.canvas.overlay.shown).box);
+    const moved = at.map((corner) => this.canvas.transform.toPane(corner[0] + u, corner[1] + v));
+    this.drawJoining(context, style, moved, overlap);
   }
 
   /** Where a piece comes to lie that goes along with the proposal. */
