@@ -147,25 +147,37 @@ export class PiecesPanel extends PagePart {
     this.canvas.redraw();
   }
 
-  /** The piece where it is dragged to. */
+  /** The piece where it is dragged to, and whether it joins there; the same of the proposal. */
   drawHeld(/** @type {Context} */ context, /** @type {Style} */ style) {
-    const { held, canvas } = this;
-    const shown = canvas.layer.shown;
-    if (held?.dropped && canvas.overlay.shown) this.held = null;
-    if (!this.held || !held || !shown) return;
-    const [du, dv] = held.by;
-    const moved = cornersOf(boxOf(held.piece.grid)).map(([u, v]) => canvas.transform.toPane(u + du, v + dv));
+    const { canvas, page } = this;
+    const { shown } = canvas.overlay;
+    if (this.held?.dropped && shown) this.held = null;
+    const { preview } = canvas;
+    if (shown && canvas.gesture && canvas.isMoved)
+      this.drawJoining(
+        context,
+        style,
+        this.cornersAt(shown.box, [preview.u, preview.v]),
+        overlapOfProposal(page) ?? 0,
+      );
+    if (!this.held || !canvas.layer.shown) return;
+    const { piece, by } = this.held;
+    const moved = this.cornersAt(boxOf(piece.grid), by);
     context.save();
     context.beginPath();
     for (const { x, y } of moved) context.lineTo(x, y);
     context.clip();
-    canvas.drawPicture(shown, shown.image, false, [0, du, dv]);
+    canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image, false, [0, ...by]);
     context.restore();
-    this.drawJoining(context, style, moved, overlapOfPiece(this.page, held.piece, held.by));
+    this.drawJoining(context, style, moved, overlapOfPiece(page, piece, by));
   }
 
-  /** Below what is dragged, whether it joins there. */
-  drawJoining(/** @type {Context} */ context, /** @type {Style} */ style, /** @type {Point[]} */ at, overlap = 0) {
+  cornersAt(/** @type {Box} */ box, /** @type {UV} */ [du, dv]) {
+    return cornersOf(box).map(([u, v]) => this.canvas.transform.toPane(u + du, v + dv));
+  }
+
+  /** @param {Context} context @param {Style} style @param {Point[]} at @param {number} overlap */
+  drawJoining(context, style, at, overlap) {
     const { canvas } = this;
     const text = joiningText(overlap);
     context.font = "600 14px system-ui, sans-serif";
@@ -182,12 +194,6 @@ export class PiecesPanel extends PagePart {
     const beside = this.pieces.filter((piece) => !piece.placed);
     drawPieces(this.canvas, context, style, beside, this.chosen);
     this.drawHeld(context, style);
-    const overlap = this.canvas.gesture && this.canvas.isMoved ? overlapOfProposal(this.page) : null;
-    if (overlap === null) return;
-    const { u, v } = this.canvas.preview;
-    const at = cornersOf(/** @type {Shown} */ (this.canvas.overlay.shown).box);
-    const moved = at.map((corner) => this.canvas.transform.toPane(corner[0] + u, corner[1] + v));
-    this.drawJoining(context, style, moved, overlap);
   }
 
   /** Where a piece comes to lie that goes along with the proposal. */

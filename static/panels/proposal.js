@@ -53,8 +53,7 @@ export class ProposalPanel extends PagePart {
     if (!why.length || this.armed === place) return true;
     this.armed = place;
     this.page.changed();
-    const then = why[0] === FLOATS ? "and floats still" : "and the view is flagged for review";
-    this.page.notify("warning", `Look here: ${why.join(", ")}. Press Accept again to accept it, ${then}.`);
+    this.page.notify("warning", `Look here: ${why.join(", ")}. Press Accept again to leave it so, for review.`);
     return false;
   }
 }
@@ -100,13 +99,11 @@ function showProposal(state, page, show) {
 const isMoved = (/** @type {Pending["nudge"]} */ { u_mm, v_mm, theta_deg }) =>
   Math.hypot(u_mm, v_mm) >= SEEN || Math.abs(theta_deg) >= SEEN;
 
-const FLOATS = "it does not join the shape";
-
 /** Why to look at where the proposal lies, before it is accepted; none: it is sure. @returns {string[]} */
 function doubtsOf(/** @type {Pending} */ pending, /** @type {number} */ limit, /** @type {Page} */ page) {
   const { score, checks, joins, nudge } = pending;
   const overlap = isMoved(nudge) ? overlapOfProposal(page) : null;
-  if (!(joins ?? (overlap === null || joinsBy(overlap)))) return [FLOATS];
+  if (!(joins ?? (overlap === null || joinsBy(overlap)))) return ["it does not join the shape"];
   const failed = checks.filter((check) => check.passed === false);
   const why = failed.map(({ title, value, unit }) => `${title.toLowerCase()} ${number(value)} ${unit}`);
   return score !== null && score < limit ? [`score ${number(score, 2)} is below ${number(limit, 2)}`, ...why] : why;
@@ -116,6 +113,7 @@ function doubtsOf(/** @type {Pending} */ pending, /** @type {number} */ limit, /
 function verdictOn(/** @type {Pending} */ pending, /** @type {number} */ limit, /** @type {Page} */ page) {
   const { score, joins, nudge } = pending;
   const why = doubtsOf(pending, limit, page);
+  const known = joins ? "Joins the shape." : "Does not join the shape: drag it farther onto it.";
   const here = isMoved(nudge) && joins === null ? overlapOfProposal(page) : null;
   return make(
     "div",
@@ -127,7 +125,7 @@ function verdictOn(/** @type {Pending} */ pending, /** @type {number} */ limit, 
     make("strong", why.length ? "Look here" : score === null ? "No score yet" : "Sure"),
     make("span", why.join(", ") || (score === null ? "" : number(score, 2))),
     isMoved(nudge) &&
-      make("span#joining", { role: "status" }, here === null ? joins && "Joins the shape." : joiningText(here)),
+      make("span#joining", { role: "status" }, here === null ? joins !== null && known : joiningText(here)),
   );
 }
 

@@ -141,11 +141,14 @@ def it_is_told_before_accept_whether_a_dropped_piece_joins(tab):
     layers = tab.state()["layers"]
     far = tab.at([layers["origin_uv_m"][0], layers["origin_uv_m"][1] - 0.1])
     tab.drag((at["x"], at["y"]), far)
+    # At once, before the program has tried it.
+    tab.until("/does not (touch|join)/i.test(document.getElementById('joining')?.textContent)")
     tab.until("flatcloth.state.pending && flatcloth.state.pending.joins !== null")
     assert tab.state()["pending"]["joins"] is False
-    expect(tab.page.locator("#joining")).to_contain_text("Does not join yet")
+    expect(tab.page.locator("#joining")).to_contain_text("Does not join")
+    expect(tab.page.locator("#proposal .score strong")).to_have_text("Look here")
     tab.page.keyboard.press("a")
-    tab.page.locator(".toast.warning", has_text="floats still").wait_for()
+    tab.page.locator(".toast.warning", has_text="does not join the shape").wait_for()
     tab.page.keyboard.press("a")
     tab.until("flatcloth.state.pending === null && !flatcloth.state.drawing")
     assert len(tab.state()["layers"]["pieces"]) == 1

@@ -265,8 +265,8 @@ class PageController(ABC):
     def _receive(self, client: int, text: str) -> None:
         message = messages.parse(text)
         match message:
-            case messages.ShowPick(id=pick_id):
-                self._picks.show(pick_id)
+            case messages.ShowPick(id=pick_id, keep=keep):
+                self._picks.show(pick_id, keep=keep)
                 self._turn_to_pick()
                 self._publish()
             case messages.RenamePick(id=pick_id, name=name):
