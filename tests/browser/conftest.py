@@ -272,7 +272,6 @@ class Tab:
         self.page.mouse.click(at["x"], at["y"])
         self.until(f"flatcloth.state.picks.length === {count + 1}")
         self.page.keyboard.press("Enter")
-        self.until("flatcloth.state.picks.at(-1).kept")
         return self.pick()
 
     def at(self, uv: Sequence[float]) -> tuple[float, float]:

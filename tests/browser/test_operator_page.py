@@ -16,7 +16,6 @@ from playwright.sync_api import expect
 from flatcloth.core.resources import static_folder
 
 pytestmark = pytest.mark.browser
-AUTO_MS = 600_000  # for 36 noisy views, on a machine that has more to do
 
 
 class ByMouse:
@@ -148,8 +147,8 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
     tab.until("flatcloth.state.pending === null && !flatcloth.state.drawing")
     assert not tab.state()["views"][bad]["flagged"]
 
-    hands.do("auto")
-    page.wait_for_function("flatcloth.phase === 'finished' && !flatcloth.state.drawing", timeout=AUTO_MS)
+    hands.do("auto")  # of 36 noisy views it takes minutes
+    page.wait_for_function("flatcloth.phase === 'finished' && !flatcloth.state.drawing", timeout=600_000)
     expect(page.locator("#hint")).to_contain_text("of the cloth floats" if still_floats else "Finished")
     tab.shoot(f"operator-{name}")
     with page.expect_download() as download:
