@@ -19,7 +19,7 @@ from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, Links, graph_of, uv_of, view_frames
 from flatcloth.shape.hand import ByHand, with_hands
 from flatcloth.shape.joints import DecidedParts, doubt_m, seen_often
-from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, rotations
+from flatcloth.shape.layout import Minimum, minimum, pairs_of, places, rotations
 from flatcloth.shape.observations import Observed, PlacedView, observe_all, with_view
 from flatcloth.shape.pieces import cut_of_overlap, pieces_of, with_main
 from flatcloth.shape.ripples import LOST, ripples_of
@@ -55,9 +55,7 @@ def shape(
         raise FlatclothError("No view shows two places of cloth side by side; check depth and masks.")
     # 2. One graph of frames: all views of a pair are one pair, the surer the more views agree.
     graph, links = graph_of(seen.nodes, seen.observations, seen.object_from_camera)
-    vouched = np.zeros(len(graph.pairs), dtype=np.bool_)
-    if by_hand:
-        graph, links, vouched = with_hands(graph, links, seen.observations[-len(by_hand) :], by_hand)
+    graph, links, vouched = with_hands(graph, links, seen.observations, by_hand)
     # 3. to 7. Its layout on the plane.
     found = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), vouched)
     return _shape(seen, graph, links, found, vouched, upright)
@@ -112,14 +110,12 @@ def laid_out(graph: Graph, used: Bool, vouched: Bool | None = None, *, overlap_c
         # 4. Places, for known rotations. False links, by place.
         z, holds = places(pairs, rotation, weight, sure)
         # 5. Pieces: cloth that enough evidence joins.
-        piece = pieces_of(graph, holds)
+        piece = pieces_of(graph, holds, sure)
         first, second = piece[graph.pairs].T
         holds &= (first == second) & (first >= 0)
         # 6. The minimum of lengths and directions.
-        at = minimum(pairs, z, rotation, holds)
-        laid = LaidOut(
-            holds=holds, piece=piece, at=at, z=_of_nodes(pairs, at.z), rotation=_of_nodes(pairs, at.rotation)
-        )
+        at, band = minimum(pairs, z, rotation, holds), np.argsort(pairs.order.nodes)
+        laid = LaidOut(holds=holds, piece=piece, at=at, z=at.z[band], rotation=at.rotation[band])
         # 7. Cloth that lies on other cloth is joined by false pairs that agree: the weakest are cut.
         cut = cut_of_overlap(graph, holds, piece, laid.z, by_hand) & ~sure
         if not (overlap_cuts and cut.any()):
@@ -191,10 +187,3 @@ def _upright(seen: Observed | Shape, laid: LaidOut, upright: int) -> Complex128:
         turn = np.conj(right.sum())
         z[own] = (laid.z[own] - laid.z[node].mean()) * turn / max(abs(turn), 1e-12)
     return z
-
-
-def _of_nodes(pairs: Pairs, values: Complex128) -> Complex128:
-    """Return values (N,) in the order of the band in that of the graph."""
-    found = np.empty_like(values)
-    found[pairs.order.nodes] = values
-    return found

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flatcloth.core.types import Bool, Float64
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import Bool, Complex128, Float64
 from flatcloth.shape.graph import Graph, Links, merged, pairs_as_laid, pairs_within, rotations_at, uv_of, z_of
 from flatcloth.shape.observations import PAIR_INTERVALS, Association, Observation, PlacedView
 from flatcloth.shape.shape import PLACE_STD_M, Shape
@@ -40,7 +41,7 @@ def with_hands(
     seen : sequence of Observation
         What each of these sees.
     by_hand : sequence of ByHand
-        How it was laid.
+        How each of the last ones was laid.
 
     Returns
     -------
@@ -50,18 +51,16 @@ def with_hands(
         The further pairs.
     """
     parts = [graph]
-    for view, laid in zip(seen, by_hand, strict=True):
+    for view, laid in zip(seen[len(seen) - len(by_hand) :], by_hand, strict=True):
         row, col = np.rint(view.rc).astype(np.int32).T
-        z = np.full(len(graph), np.nan + 0j)
+        z, under = np.full((2, len(graph)), np.nan + 0j)
         z[view.node] = z_of(laid.pixel_uv_m[row, col])
+        _bring_pieces(laid.on, z)
         own = np.flatnonzero(np.isfinite(z))
         rotation = rotations_at(graph, z)
-        under, first = np.full(len(graph), np.nan + 0j), len(laid.on.nodes)
-        under[:first] = z_of(laid.on.uv_m)
+        under[: len(laid.on.nodes)] = z_of(laid.on.uv_m)
         under[own] = np.nan  # the same cloth needs no pair
         there = np.flatnonzero(np.isfinite(under))
-        if not (own.size and there.size):
-            continue
         rotation[there] = rotations_at(graph, under)[there]
         z[there] = under[there]
         reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
@@ -71,6 +70,14 @@ def with_hands(
         new = np.array([tuple(pair) not in known for pair in pairs.tolist()], dtype=np.bool_)
         parts.append(pairs_as_laid(graph, pairs[new], z, rotation, PLACE_STD_M, evidence=1.0))
     whole, order = merged(parts, graph.xyz_m)
-    place = np.empty(len(order), dtype=np.int32)
-    place[order] = np.arange(len(order), dtype=np.int32)
+    place = np.argsort(order).astype(np.int32)
     return whole, replace(links, pair=place[links.pair]), order >= len(graph.pairs)
+
+
+def _bring_pieces(on: Shape, z: Complex128) -> None:
+    """Set the places (N,) of all of a floating piece, of which at least three nodes were laid, as these."""
+    is_laid = np.isfinite(z[: len(on.piece)])
+    for number in range(1, int(on.piece.max()) + 1):
+        own, rest = (np.flatnonzero((on.piece == number) & which) for which in (is_laid, ~is_laid))
+        if len(own) >= 3:
+            z[rest] = z_of(fit_rigid2(on.all_uv_m[own], uv_of(z[own])).apply(on.all_uv_m[rest]))

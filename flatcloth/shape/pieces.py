@@ -36,12 +36,14 @@ _TRIANGLES = 3
 """A pair is firm if at least this many nodes are neighbours of both its ends. Set by hand."""
 
 
-def pieces_of(graph: Graph, holds: Bool) -> Int32:
+def pieces_of(graph: Graph, holds: Bool, vouched: Bool) -> Int32:
     """Return the piece (N,) of each node by the pairs that hold (P,), the largest first; -1 for small ones.
 
-    Only what hangs together by pairs is a piece; there is always one.
+    Only what hangs together by pairs is a piece; there is always one. Two of the pairs that the operator
+    ``vouched`` (P,) for join two pieces.
     """
-    label = _connected(graph, holds)
+    first, second = graph.pairs[vouched].T
+    label = _joined(_connected(graph, holds & ~vouched), first, second, graph.evidence[vouched])
     inside = holds & (label[graph.pairs[:, 0]] == label[graph.pairs[:, 1]])
     part = components(len(graph), graph.pairs[inside])
     size = np.bincount(part)

@@ -153,9 +153,9 @@ def change_by(view_index: int, before: Shape, after: Shape) -> Change:
     same = away_m < LEAST_INTERVAL_M
     moved_m = np.linalg.norm(before.all_uv_m[old[same]] - after.all_uv_m[new[nearest[same]]], axis=1)
     sure_m2 = [each.node_area_m2 * int((each.std_m <= RELIABLE_M).sum()) for each in (before, after)]
+    first_m2, then_m2 = (each.node_area_m2 * int(each.has_place.sum()) for each in (before, after))
     return Change(
-        added_m2=after.node_area_m2 * int(after.has_place.sum())
-        - before.node_area_m2 * int(before.has_place.sum()),
+        added_m2=then_m2 - first_m2,
         moved_m=float(np.quantile(moved_m, BULK)) if same.any() else 0.0,
         contradicted=after.contradictions.get(view_index, 0.0),
         made_sure_m2=sure_m2[1] - sure_m2[0],

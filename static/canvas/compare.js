@@ -140,12 +140,8 @@ export class Comparison extends PagePart {
   paintDifference(/** @type {FlatCanvas} */ canvas) {
     const { context } = canvas;
     if (canvas.isMoved || !this.heat.shown) {
-      // While it is being moved: what the colors on the screen differ by.
       canvas.drawShape();
-      context.globalCompositeOperation = "difference";
-      canvas.drawProposal();
-      context.globalCompositeOperation = "source-over";
-      return;
+      return canvas.drawProposal(this.opacity, true);
     }
     context.globalAlpha = PALE;
     canvas.drawShape();

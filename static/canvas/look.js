@@ -1,20 +1,17 @@
-// Looking: the flattened view turned and flipped, with grid, another colour map and window; what the 3D scene shows.
+// Looking: the flattened view turned and flipped, with another colour map and window; what the 3D scene shows.
 // The data stay as they are.
 
 import { PagePart } from "../page/page.js";
 import { askJson } from "../page/connection.js";
-import { drawLabel, strokeLine } from "./marks.js";
 import { onPinch } from "./pinch.js";
 import { SceneLook } from "./scene_look.js";
 import { button, byId, choice, find, make, rebuild, setText, slider } from "../page/dom.js";
 import { number } from "../page/format.js";
 
 const STEP_DEG = 15;
-const GRID_GAP_PX = 44;
-const GRID_MM = [10, 20, 50, 100, 200, 500, 1000];
 const ENDS = /** @type {("low" | "high")[]} */ (["low", "high"]);
 /** @type {Record<string, string>} */
-const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler" };
+const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", ruler: "Ruler" };
 /** @type {LayerLook} */
 const PLAIN = { map: "", low: 0, high: 1 };
 /** All layers; the table of actions has their titles, keys and descriptions. */
@@ -31,16 +28,10 @@ export class Looking extends PagePart {
     turn_left_seen: () => this.turnBy(-1),
     turn_right_seen: () => this.turnBy(1),
     flip: () => this.flip(),
-    grid: () => {
-      this.grid = !this.grid;
-      this.canvas.redraw();
-      this.page.changed();
-    },
   };
   settings = /** @type {Map<string, LayerLook>} */ (new Map()); // by layer or difference
   maps = /** @type {Record<string, { title: string; colors: string[] }>} */ ({});
   open = false;
-  grid = false;
   sentLook = ""; // what the 3D scene last got
   scene = new SceneLook(this.page);
   chip = byId("turned");
@@ -135,12 +126,11 @@ export class Looking extends PagePart {
   }
 
   get pressed() {
-    return { look: this.open, grid: this.grid };
+    return { look: this.open };
   }
 
   reset() {
     this.settings.clear();
-    this.grid = false;
     this.turn(0, false);
     this.page.changed();
   }
@@ -176,7 +166,7 @@ export class Looking extends PagePart {
       button("Reset", () => this.reset(), {
         class: "last",
         key: "look-reset",
-        tip: "As it is: not turned, not flipped, no grid, each layer's own colours",
+        tip: "As it is: not turned, not flipped, each layer's own colours",
       }),
       !camera && [
         ramp ? this.mapField(layer, setting) : null,
@@ -224,60 +214,5 @@ export class Looking extends PagePart {
     return end === "low"
       ? Math.min(value, Math.round(100 * high - 1) / 100)
       : Math.max(value, Math.round(100 * low + 1) / 100);
-  }
-
-  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
-    if (this.grid) this.drawGrid(context, style);
-  }
-
-  // --- the grid --------------------------------------------------------------------------------
-
-  drawGrid(/** @type {Context} */ context, /** @type {Style} */ style) {
-    const { canvas } = this;
-    const { transform: at, width, height } = canvas;
-    const mm = GRID_MM.find((step) => (step / 1000) * at.scale >= GRID_GAP_PX) ?? GRID_MM[GRID_MM.length - 1];
-    const gap = mm / 1000;
-    const corners = [0, width].flatMap((x) => [at.toPlane(x, 0), at.toPlane(x, height)]);
-    /** @param {"u" | "v"} name */
-    const range = (name) => [Math.min(...corners.map((c) => c[name])), Math.max(...corners.map((c) => c[name]))];
-    const [u, v] = [range("u"), range("v")];
-    context.lineWidth = 1;
-    context.font = "11px system-ui, sans-serif";
-    context.textBaseline = "top";
-    for (const along of ["u", "v"]) {
-      const [from, across] = along === "u" ? [u, v] : [v, u];
-      const way = along === "u" ? at.toPaneVector(0, 1) : at.toPaneVector(1, 0);
-      const steep = Math.abs(way.y) >= Math.abs(way.x) - 1e-9 * at.scale;
-      for (let n = Math.ceil(from[0] / gap); n * gap <= from[1]; n++) {
-        const ends = across.map((c) => (along === "u" ? at.toPane(n * gap, c) : at.toPane(c, n * gap)));
-        this.gridLine(context, style, ends, n === 0);
-        this.gridLabel(context, style, ends, `${Math.round((n * mm) / 10)} cm`, steep);
-      }
-    }
-  }
-
-  /** @param {Context} context @param {Style} style @param {Point[]} ends @param {boolean} strong */
-  gridLine(context, style, ends, strong) {
-    const width = strong ? 1.5 : 1;
-    context.globalAlpha = 0.4;
-    strokeLine(context, ends, "#fff", width + 1.5);
-    context.globalAlpha = strong ? 0.8 : 0.35;
-    strokeLine(context, ends, style.getPropertyValue("--text"), width);
-    context.globalAlpha = 1;
-  }
-
-  /**
-   * Steep lines are labelled where they meet the upper rim, the others at the right one.
-   * @param {Context} context @param {Style} style @param {Point[]} parts @param {string} label
-   * @param {boolean} steep
-   */
-  gridLabel(context, style, [a, b], label, steep) {
-    const { width, height } = this.canvas;
-    const share = steep ? -a.y / (b.y - a.y) : (width - a.x) / (b.x - a.x);
-    const text = context.measureText(label).width;
-    const x = steep ? a.x + share * (b.x - a.x) + 3 : width - text - 4;
-    const y = steep ? 3 : a.y + share * (b.y - a.y) + 2;
-    if (x < 4 || x > width - text - (steep ? 60 : 0) || y < 3 || (!steep && (y < 20 || y > height - 16))) return;
-    drawLabel(context, style, label, [x, y], [x - 2, y - 1, text + 4, 14], { alpha: 0.8 });
   }
 }

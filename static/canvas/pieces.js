@@ -7,7 +7,7 @@ import { number } from "../page/format.js";
 
 const HIGH_PX = 19;
 const PALE = 0.6;
-const FONT = "600 13px system-ui, sans-serif";
+const FONT = "600 14px system-ui, sans-serif";
 
 /**
  * Draw them all; the rectangle of the `chosen` one (its letter) is not broken.

@@ -15,7 +15,7 @@ declare global {
     run: () => void;
   };
   type OfflineLayer = { name: string; title: string; about: string; legend: Legend; start: number; count: number };
-  type OfflinePick = Omit<ListedPick, "id" | "uv_m"> & {
+  type OfflinePick = Omit<ListedPick, "id" | "uv_m" | "kept"> & {
     id: number | null;
     uv_m: UV | null;
     rc: UV | null;

@@ -26,9 +26,10 @@ export function startKeys(page) {
     const modes = page.modes();
     const action = (event.shiftKey && actionOf(state, modes, `Shift+${key}`)) || actionOf(state, modes, key);
     if (!action) return;
-    // Space presses the button that was tabbed to, or that a card or menu has brought.
+    // Space presses the button that was tabbed to, or that a card or menu has brought; Enter any.
     const brought = tabbed || target.closest?.("[role=dialog]");
-    if (key === "Space" && brought && target.closest?.("button, a, input, [role=button]")) return;
+    const presses = key === "Enter" || (key === "Space" && brought);
+    if (presses && target.closest?.("button, a, input, summary, [role=button]")) return;
     // Where nothing can be moved the arrow keys keep their own meaning, such as scrolling.
     const moves = isMove(action.name);
     if (moves && !page.mayMove()) return;

@@ -115,10 +115,11 @@ export interface PickAt {
   sheet?: "other" | "this";
 }
 
-/** Make a pick of the list the current one; None: none is current. */
+/** Make a pick of the list the current one, and ``keep`` it there; None: none is current. */
 export interface ShowPick {
   type: "show_pick";
   id?: number | null;
+  keep?: boolean;
 }
 
 /** Give a pick of the list another name. */
@@ -519,6 +520,7 @@ export interface ListedPick {
   view_index: number;
   position_held_m: [number, number, number];
   uv_m: [number, number] | null;
+  kept: boolean;
 }
 
 /** A notification for the operator; ``time_s`` counts from the epoch. */

@@ -7,7 +7,7 @@ import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "./pick_text.js"
 
 export class PicksPanel extends PagePart {
   name = "picks";
-  actions = { copy: () => this.copy() };
+  actions = { copy: () => this.copy(), keep_pick: () => this.keep(this.page.state.pick?.id) };
 
   update(/** @type {State} */ { pick, picks, layers }) {
     rebuild(byId("pick"), [pick, Boolean(layers)], () =>
@@ -22,6 +22,10 @@ export class PicksPanel extends PagePart {
     const done = await copyText(pickText(pick));
     if (!done) return this.page.notify("warning", "The browser does not allow copying.");
     this.page.notify("info", `Copied the numbers of ${pick.name}.`);
+  }
+
+  keep(/** @type {number | undefined} */ id) {
+    if (id !== undefined) this.page.send({ type: "show_pick", id, keep: true });
   }
 
   // --- the current pick --------------------------------------------------------------------------
@@ -116,11 +120,11 @@ export class PicksPanel extends PagePart {
       heading(`Picks${n ? ` (${n})` : ""}`, n > 0 && save),
       n
         ? make("ol.picks", ...picks.map((pick) => this.row(pick, pick.id === current)))
-        : make("p.nothing", "Every pick is kept here: name it, show it again, export it."),
+        : make("p.nothing", "A pick that is kept stays here; else it goes with the next."),
     ];
   }
 
-  row(/** @type {ListedPick} */ { id, name, uv_m }, /** @type {boolean} */ current) {
+  row(/** @type {ListedPick} */ { id, name, uv_m, kept }, /** @type {boolean} */ current) {
     const { page } = this;
     const show = {
       label: `Show ${name}`,
@@ -149,6 +153,7 @@ export class PicksPanel extends PagePart {
       { class: current ? "current" : "" },
       make("button.show", show, uv_m ? "◎" : "○"),
       box,
+      !kept && smallButton("Keep", () => this.keep(id), { key: `keep-${id}`, tip: this.page.tip("keep_pick") }),
       closeButton(`Delete ${name}`, () => page.send({ type: "delete_pick", id }), {
         key: `delete-${id}`,
         tip: "Delete",

@@ -4,12 +4,12 @@
 import { PagePart } from "../page/page.js";
 import { strokeLoop } from "../canvas/marks.js";
 import { applied, boxOf, boxOfPoints, cornersOf, inBox } from "../canvas/geometry.js";
+import { joiningText, overlapOfPiece, overlapOfProposal } from "../canvas/overlap.js";
 import { drawCaption, drawMoved, drawPieces } from "../canvas/pieces.js";
 import { byId, make, rebuild, smallButton, swatch } from "../page/dom.js";
 import { cm2, count, floatingOf, mm, percent } from "../page/format.js";
 
 const CLICK_PX = 4;
-const SAMPLE_M = 0.004; // between places at which an overlap is looked for
 
 export class PiecesPanel extends PagePart {
   name = "pieces";
@@ -147,32 +147,25 @@ export class PiecesPanel extends PagePart {
     this.canvas.redraw();
   }
 
-  /** How much of a piece would lie on the shape, moved by so much (cm2). */
-  overlapOf(/** @type {Piece} */ { grid }, /** @type {UV} */ [du, dv]) {
-    const { layer } = this.canvas;
-    const boxes = this.pieces.filter((one) => !one.placed).map((one) => boxOf(one.grid));
-    const { left, top, right, bottom } = boxOf(grid);
-    let n = 0;
-    for (let u = left; u < right; u += SAMPLE_M)
-      for (let v = top; v < bottom; v += SAMPLE_M) {
-        if (!layer.covers(u, v) || !layer.covers(u + du, v + dv)) continue;
-        n += Number(!boxes.some((box) => inBox(box, u + du, v + dv)));
-      }
-    return n * (100 * SAMPLE_M) ** 2;
+  /** The piece where it is dragged to, and whether it joins there; the same of the proposal. */
+  drawHeld(/** @type {Style} */ style) {
+    const { canvas, page } = this;
+    const { preview } = canvas;
+    const { shown } = canvas.overlay;
+    if (this.held?.dropped && shown) this.held = null;
+    if (shown && canvas.gesture && canvas.isMoved)
+      this.captionJoining(style, shown.box, [preview.u, preview.v], overlapOfProposal(page) ?? 0);
+    if (!this.held) return;
+    const { piece, by } = this.held;
+    const box = boxOf(piece.grid);
+    drawMoved(canvas, style, [/** @type {UV[]} */ (cornersOf(box))], [0, ...by]);
+    this.captionJoining(style, box, by, overlapOfPiece(page, piece, by));
   }
 
-  /** The piece where it is dragged to, and what it has in common with the shape there. */
-  drawHeld(/** @type {Style} */ style) {
-    const { held, canvas } = this;
-    if (held?.dropped && canvas.overlay.shown) this.held = null;
-    if (!this.held || !held) return;
-    const [du, dv] = held.by;
-    const corners = /** @type {UV[]} */ (cornersOf(boxOf(held.piece.grid)));
-    drawMoved(canvas, style, [corners], [0, du, dv]);
-    const overlap = this.overlapOf(held.piece, held.by);
-    const text = overlap < 1 ? "does not touch the shape" : `${cm2(overlap)} on the shape`;
-    const there = /** @type {UV[]} */ (corners.map(([u, v]) => [u + du, v + dv]));
-    drawCaption(canvas, style, text, there);
+  /** @param {Style} style @param {Box} box @param {UV} by @param {number} overlap */
+  captionJoining(style, box, [du, dv], overlap) {
+    const there = /** @type {UV[]} */ (cornersOf(box).map(([u, v]) => [u + du, v + dv]));
+    drawCaption(this.canvas, style, joiningText(overlap), there);
   }
 
   /** Each floating piece has a rectangle and its letter; one with a place by the garment its outline there. */

@@ -1,6 +1,7 @@
 // The proposal that waits for a decision: score, parts of it, other places.
 
 import { PagePart } from "../page/page.js";
+import { joinsBy, joiningText, overlapOfProposal } from "../canvas/overlap.js";
 import { drawDot } from "../canvas/marks.js";
 import { drawName } from "../garment/marks.js";
 import { button, buttonOf, byId, make, rebuild, valueRows, values } from "../page/dom.js";
@@ -15,7 +16,7 @@ export class ProposalPanel extends PagePart {
 
   update(/** @type {State} */ state) {
     const show = (/** @type {UV} */ [u, v]) => this.page.canvas.centerOn(u, v);
-    showProposal(state, (message) => this.page.send(message), show);
+    showProposal(state, this.page, show);
     const waits = Boolean(this.armed) && this.armed === this.placeOf(state);
     if (!waits) this.armed = null;
     buttonOf("accept")?.classList.toggle("caution", waits);
@@ -38,42 +39,35 @@ export class ProposalPanel extends PagePart {
     return pending && JSON.stringify([pending.view_index, pending.nudge, pending.score]);
   }
 
-  /** Whether Accept may go ahead: a place below the limit asks for a second press, and says why. */
+  /** While it is dragged, whether it joins is said at once. */
+  moving() {
+    const where = document.getElementById("joining");
+    if (where) where.textContent = joiningText(overlapOfProposal(this.page) ?? 0);
+  }
+
+  /** Accept goes ahead where the verdict is "Sure"; else it asks for a second press, and says why. */
   mayAccept(/** @type {State} */ state) {
     const { pending, settings } = state;
-    const limit = settings.auto_threshold;
     const place = this.placeOf(state);
-    if (!pending || pending.score === null || this.armed === place) return true;
-    if (pending.joins ?? pending.score >= limit) return true;
+    const why = pending ? doubtsOf(pending, settings.auto_threshold, this.page) : [];
+    if (!why.length || this.armed === place) return true;
     this.armed = place;
     this.page.changed();
-    if (pending.joins === false) {
-      this.page.notify(
-        "warning",
-        "Here it does not join the shape, and floats still. Press Accept again to leave it so.",
-      );
-      return false;
-    }
-    const failed = pending.checks.filter((check) => check.passed === false);
-    const why = failed.map((check) => `${check.title.toLowerCase()} ${number(check.value)} ${check.unit}`).join(", ");
-    this.page.notify(
-      "warning",
-      `The score here is ${number(pending.score, 2)}, below ${number(limit, 2)}${why ? `: ${why}` : ""}.` +
-        " Press Accept again to accept it anyway; the view is then flagged for review.",
-    );
+    this.page.notify("warning", `Look here: ${why.join(", ")}. Press Accept again to leave it so, for review.`);
     return false;
   }
 }
 
-/** @param {State} state @param {Send} send @param {(place: UV) => void} show */
-function showProposal(state, send, show) {
+/** @param {State} state @param {Page} page @param {(place: UV) => void} show */
+function showProposal(state, page, show) {
   const { pending, layers } = state;
   byId("proposal").hidden = !pending;
   if (!pending) return;
   const limit = state.settings.auto_threshold;
   const { nudge } = pending;
   const view = `view ${pending.view_index} (${number(state.views[pending.view_index].angle_deg, 0)}°)`;
-  rebuild(byId("proposal-values"), [pending, limit, layers?.revision], () => [
+  const drawn = page.canvas.overlay.shown?.revision;
+  rebuild(byId("proposal-values"), [pending, limit, layers?.revision, drawn], () => [
     make("h2", `${pending.again ? "Again" : "Proposal"}: ${view}`),
     pending.brings &&
       pending.joins &&
@@ -87,7 +81,7 @@ function showProposal(state, send, show) {
         `Extends the floating piece ${pending.extends}, beside the shape.` +
           " It joins the shape once a view connects them.",
       ),
-    isMoved(nudge) ? joining(pending) : verdictOn(pending, limit),
+    verdictOn(pending, limit, page),
     isMoved(nudge) &&
       values([
         "moved",
@@ -98,30 +92,29 @@ function showProposal(state, send, show) {
     pending.joins !== false && checkList(pending.checks, show),
     pending.undetermined.length > 0 && make("p.note", `Not determined: ${pending.undetermined.join(", ")}`),
     pending.why && make("p.asked-again", pending.why),
-    placedWithIt(pending, send, show),
+    placedWithIt(pending, (message) => page.send(message), show),
   ]);
 }
 
 const isMoved = (/** @type {Pending["nudge"]} */ { u_mm, v_mm, theta_deg }) =>
   Math.hypot(u_mm, v_mm) >= SEEN || Math.abs(theta_deg) >= SEEN;
 
-/** Of a proposal that was moved by hand: whether it joins the shape there. */
-function joining(/** @type {Pending} */ { joins }) {
-  const text = joins === null ? "Does it join here? …" : joins ? "Joins the shape" : "Does not join yet";
-  return make(
-    "div#joining",
-    { role: "status" },
-    make("div", { class: joins === false ? "score low" : "score" }, make("strong", text)),
-    joins === false && make("p.note", "Drag it farther onto the cloth that it belongs to."),
-  );
+/** Why to look at where the proposal lies, before it is accepted; none: it is sure. @returns {string[]} */
+function doubtsOf(/** @type {Pending} */ pending, /** @type {number} */ limit, /** @type {Page} */ page) {
+  const { score, checks, joins, nudge } = pending;
+  const overlap = isMoved(nudge) ? overlapOfProposal(page) : null;
+  if (!(joins ?? (overlap === null || joinsBy(overlap)))) return ["it does not join the shape"];
+  const failed = checks.filter((check) => check.passed === false);
+  const why = failed.map(({ title, value, unit }) => `${title.toLowerCase()} ${number(value)} ${unit}`);
+  return score !== null && score < limit ? [`score ${number(score, 2)} is below ${number(limit, 2)}`, ...why] : why;
 }
 
-/** One verdict on where the proposal lies: sure, or why to look. @param {Pending} pending @param {number} limit */
-function verdictOn({ score, checks }, limit) {
-  const why = checks.filter((check) => check.passed === false).map(({ title }) => title.toLowerCase());
-  if (score !== null && score < limit) why.unshift("below Auto's limit");
-  const sure = score === null ? "No score yet" : "Sure";
-  const about = [score === null ? "" : number(score, 2), why.join(", ")].filter(Boolean).join(", ");
+/** One verdict on where the proposal lies: sure, or why to look. */
+function verdictOn(/** @type {Pending} */ pending, /** @type {number} */ limit, /** @type {Page} */ page) {
+  const { score, joins, nudge } = pending;
+  const why = doubtsOf(pending, limit, page);
+  const known = joins ? "Joins the shape." : "Does not join the shape: drag it farther onto it.";
+  const here = isMoved(nudge) && joins === null ? overlapOfProposal(page) : null;
   return make(
     "div",
     {
@@ -129,8 +122,10 @@ function verdictOn({ score, checks }, limit) {
       tip: `Score of the present place, 0 to 1. Auto accepts from ${limit}.`,
     },
     make("meter", { min: 0, max: 1, value: score ?? 0, label: "Score" }),
-    make("strong", why.length ? "Look here" : sure),
-    make("span", about),
+    make("strong", why.length ? "Look here" : score === null ? "No score yet" : "Sure"),
+    make("span", why.join(", ") || (score === null ? "" : number(score, 2))),
+    isMoved(nudge) &&
+      make("span#joining", { role: "status" }, here === null ? joins !== null && known : joiningText(here)),
   );
 }
 

@@ -129,8 +129,8 @@ export class Repair {
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const [score, refined] = [message.score ?? 0, message.refined_score ?? 0];
     const better = `Refined from here: ${fit(refined, message.refined_apart_mm)}.`;
-    const here = `At this place: score ${fit(message.score, message.apart_mm)}.`;
-    setText(byId("fit-here"), message.why || (refined - score < LEAST_GAIN ? here : `${here} ${better}`));
+    const here = this.canvas.isMoved ? `At this place: score ${fit(message.score, message.apart_mm)}. ` : "";
+    setText(byId("fit-here"), message.why || here + (refined - score < LEAST_GAIN ? "" : better));
     byId("back-to-best").hidden = Math.max(score, refined) >= (this.pending.best_score ?? 0) - FAR_BELOW;
   }
 
@@ -273,7 +273,7 @@ export class Repair {
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const ends = this.ends();
-    context.font = "600 11px system-ui, sans-serif";
+    context.font = "600 12px system-ui, sans-serif";
     context.textAlign = "center";
     context.textBaseline = "middle";
     for (const { pair, x, y, end } of ends) {

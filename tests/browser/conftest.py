@@ -261,7 +261,7 @@ class Tab:
         self.until(f"flatcloth.step === {step + 1} && flatcloth.layerRevision > {revision}")
 
     def click_shape(self, along: float = 0.5, down: float = 0.5) -> dict:
-        """Click the flattened view at shares of its width and height; return the new pick."""
+        """Click the flattened view at shares of its width and height, and keep the pick; return it."""
         count = len(self.state()["picks"])
         at = self.page.evaluate(
             "([x, y]) => { const l = flatcloth.state.layers, d = l.pixel_size_m;"
@@ -271,6 +271,7 @@ class Tab:
         )
         self.page.mouse.click(at["x"], at["y"])
         self.until(f"flatcloth.state.picks.length === {count + 1}")
+        self.page.keyboard.press("Enter")
         return self.pick()
 
     def at(self, uv: Sequence[float]) -> tuple[float, float]:

@@ -44,7 +44,6 @@ def test_the_view_is_turned_flipped_coloured_picked_and_measured(open_tab):
     tab = open_tab().ready()
     turning_goes_both_ways_and_a_flip_exchanges_left_and_right(tab)
     colours_and_window_change_what_is_seen_and_its_legend(tab)
-    the_grid_has_its_centimetres(tab)
     cloth_is_picked_and_measured_by_keys_alone(tab)
 
 
@@ -118,15 +117,6 @@ def colours_and_window_change_what_is_seen_and_its_legend(tab):
     assert legend.locator(".ramp").evaluate(ramp) == before
     tab.page.keyboard.press("Shift+L")
     tab.page.keyboard.press("1")
-
-
-def the_grid_has_its_centimetres(tab):
-    off_cloth = [0.0, place(tab, 0, -0.02)[1]]  # on the line of 0 cm, above the cloth
-    assert tab.drawn(off_cloth)[0][3] == 0
-    tab.page.keyboard.press("#")
-    assert tab.drawn(off_cloth)[0][3] > 0
-    tab.page.keyboard.press("#")
-    assert tab.drawn(off_cloth)[0][3] == 0
 
 
 def pointer(tab):

@@ -42,8 +42,7 @@ def moved_off(tab):
 def test_while_it_is_dragged_the_fit_follows_and_a_new_picture_leaves_the_view_as_it_is(open_tab):
     tab = open_tab().ready()
     tab.step()
-    tab.until(APART)
-    apart = float(tab.page.evaluate(APART))
+    apart = next(c["value"] for c in tab.state()["pending"]["checks"] if c["name"] == "apart")
     x, y = on_proposal(tab)[3]
     tab.page.mouse.move(x, y)
     tab.page.mouse.down()

@@ -7,7 +7,7 @@ from conftest import Program  # type: ignore[attr-defined]  # mypy takes the con
 
 pytestmark = pytest.mark.browser
 
-STAGES = 25
+STAGES = 26
 SAMPLING, MINIMISATION, FLATTENED, Z_ANGLE, CURVES, ROTATION, SEARCH = 2, 5, 8, 10, 11, 12, 16
 
 

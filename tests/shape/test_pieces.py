@@ -24,13 +24,15 @@ RIM = [(90 + row, 100 + row) for row in range(10)]
 """Pairs from the right rim of the first grid to the left rim of the second."""
 
 
-def pieces(uv: np.ndarray, bridge: list[tuple[int, int]], evidence: float) -> Int32:
-    """The pieces of sheets whose own pairs are certain, and those of the bridge have some evidence."""
+def pieces(
+    uv: np.ndarray, bridge: list[tuple[int, int]], evidence: float, own: float = 1.0, *, vouched: bool = False
+) -> Int32:
+    """The pieces of sheets whose pairs have their ``own`` evidence, and those of the bridge another one."""
     ends = np.array(bridge, dtype=np.int32).reshape(-1, 2)
     graph = exact_graph(uv, np.concatenate([neighbours(uv), ends]))
     is_bridge = (graph.pairs[:, None] == ends).all(axis=2).any(axis=1)
-    graph = replace(graph, evidence=np.where(is_bridge, evidence, 1.0))
-    return pieces_of(graph, np.ones(len(graph.pairs), dtype=bool))
+    graph = replace(graph, evidence=np.where(is_bridge, evidence, own))
+    return pieces_of(graph, np.ones(len(graph.pairs), dtype=bool), is_bridge & vouched)
 
 
 @pytest.mark.parametrize(
@@ -41,6 +43,13 @@ def test_two_sheets_are_one_piece_from_enough_evidence_on(count: int, evidence: 
     piece = pieces(TWO, RIM[:count], evidence)
     assert len(set(piece[:100])) == len(set(piece[100:])) == 1
     assert (piece[0] == piece[100]) == joined
+
+
+def test_two_pairs_that_the_operator_vouches_for_join_two_sheets_of_noisy_cloth() -> None:
+    rim = np.concatenate([TWO, [[0.2 - STEP_M, 4 * STEP_M]]])  # a node that sticks out of the second sheet
+    bridge = [(93, 200), (94, 200), (95, 200)]
+    found = [pieces(rim, bridge, 1.0, own=0.3, vouched=vouched) for vouched in (False, True)]
+    assert [piece[0] == piece[100] for piece in found] == [False, True]
 
 
 def test_a_chain_of_sheets_is_joined_link_by_link() -> None:

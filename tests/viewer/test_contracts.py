@@ -157,10 +157,12 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
     "picks are named, shown and deleted": ({}, [
         BEGUN,
         ({"type": "pick", "u_m": 0.0, "v_m": 0.1}, {"pick.id": 1, "pick.in_shape": True, "pick.miss_m": 0}),
-        ({"type": "pick", "u_m": 0.02, "v_m": 0.1}, {"pick.id": 2}),
+        ({"type": "show_pick", "id": 1, "keep": True}, {"picks.0.kept": True}),
+        ({"type": "pick", "u_m": 0.02, "v_m": 0.1}, {"pick.id": 2, "picks.1.kept": False}),
+        ({"type": "pick", "u_m": 0.0, "v_m": 0.1}, {"pick.id": 3, "picks.1.id": 3}),
         ({"type": "rename_pick", "id": 1, "name": "  collar <b> "}, {"picks.0.name": "collar <b>"}),
         ({"type": "show_pick", "id": 1}, {"pick.id": 1, "pick.name": "collar <b>"}),
-        ({"type": "delete_pick", "id": 1}, {"pick": None, "picks.0.id": 2}),
+        ({"type": "delete_pick", "id": 1}, {"pick": None, "picks.0.id": 3}),
         ({"type": "show_pick", "id": 1}, {"note": "no longer"}),
     ]),
     "another part of the view is taken and placed by hand": ({}, [
@@ -288,6 +290,7 @@ def test_a_pick_has_the_place_of_its_cloth_also_as_the_camera_sees_it_turned(ser
         np.testing.assert_allclose(pick["position_camera_m"], xyz, atol=1e-6)
         np.testing.assert_allclose(pick["normal_held"], normal, atol=1e-6)
         np.testing.assert_allclose(pick["uv_m"], (u, v), atol=1e-9)
+        tab.say(type="show_pick", id=1, keep=True)
         tab.say(type="pick", u_m=0.0, v_m=0.1)
         tab.say(type="do", action="step")
         turned = tab.state_where(lambda s: s["pick"]["id"] == 2 and s["pick"]["angle_deg"] == 30)["pick"]

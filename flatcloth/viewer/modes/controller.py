@@ -265,8 +265,8 @@ class PageController(ABC):
         match message:
             case messages.MessageError():
                 raise message
-            case messages.ShowPick(id=pick_id):
-                self._picks.show(pick_id)
+            case messages.ShowPick(id=pick_id, keep=keep):
+                self._picks.show(pick_id, keep=keep)
                 self._turn_to_pick()
                 self.publish()
             case messages.RenamePick(id=pick_id, name=name):

@@ -96,13 +96,6 @@ ACTIONS: tuple[Action, ...] = (
         "timeline",
     ),
     Action(
-        "play_views",
-        "Play",
-        ("Space",),
-        "Turn the item once through all views, each with its image; again: stop.",
-        "timeline",
-    ),
-    Action(
         "next_undecided",
         "Next undecided",
         ("j",),
@@ -211,7 +204,7 @@ ACTIONS: tuple[Action, ...] = (
         "look",
         "Look",
         ("Shift+l",),
-        "Layers as a list, rotate, flip, grid, ruler, colours; display only, data unchanged.",
+        "Layers as a list, rotate, flip, ruler, colours; display only, data unchanged.",
         "view",
     ),
     Action(
@@ -326,7 +319,6 @@ ACTIONS: tuple[Action, ...] = (
         "Show on the source image which pixels are not in the shape, and why.",
         "view",
     ),
-    Action("grid", "Grid", ("#",), "Show or hide a grid in centimetres.", "view"),
     Action(
         "ruler",
         "Ruler",
@@ -368,6 +360,7 @@ ACTIONS: tuple[Action, ...] = (
         "Go to the start screen: open another recording, session or camera.",
         "page",
     ),
+    Action("keep_pick", "Keep pick", ("Enter",), "Keep the pick: else it goes with the next.", "page"),
     Action("copy", "Copy pick", ("c",), "Copy the numbers of the current pick.", "page"),
     Action("export", "Export", ("x",), "Export the session: page, report, figures, animation.", "page"),
     Action(

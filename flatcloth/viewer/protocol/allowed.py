@@ -75,8 +75,6 @@ def _why_not(action: Action, state: SessionState | None) -> str | None:
         return document.finished if state.phase is Phase.FINISHED else None
     if action.mode == "capture":
         return NO_CAMERA
-    if name == "play_views":
-        return None if document.start_view is not None else "Nothing is flattened yet; step first."
     if name == "lowest_score":
         return None if document.accepted else "No view has been accepted yet."
     if name == "reopen" and state.phase is Phase.COMPUTING:

@@ -184,9 +184,10 @@ class PickAt(Said, tag="pick", frozen=True, kw_only=True):
 
 
 class ShowPick(Said, tag="show_pick", frozen=True, kw_only=True):
-    """Make a pick of the list the current one; None: none is current."""
+    """Make a pick of the list the current one, and ``keep`` it there; None: none is current."""
 
     id: Count | None = None
+    keep: bool = False
 
 
 class RenamePick(Said, tag="rename_pick", frozen=True, kw_only=True):

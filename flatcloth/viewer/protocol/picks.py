@@ -61,6 +61,7 @@ class PickStore:
     """Adds, shows, renames and deletes picks; used by the application thread only.
 
     ``added(pick, uv_m)`` is called as soon as a new pick is stored, before its grasp pose is computed.
+    The pick of a click is ``loose``: it goes with the next click, unless it is kept or named.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class PickStore:
         self._book = GripStore(getattr(folder, "folder", None))
         self.picks: tuple[Pick, ...] = folder.picks
         self.current: CurrentPick | None = None
+        self.loose = 0  # none
 
     def turn_about(self, axis: RotationAxis) -> None:
         """Set the turning axis."""
@@ -88,16 +90,11 @@ class PickStore:
     def pose(self, picture: Picture) -> GraspPose | None:
         """Return the current pick's grasp pose on a shape; None without one, or if its normal is unknown."""
         current = self.current
-        if current is None:
+        if current is None or (current.pick.side == "other" and picture.other is None):
             return None
         if self._pose is None or self._pose[0] is not picture or self._pose[1] is not current:
             position, normal = current.pick.position_held_m, current.pick.normal_held
-            is_known = current.pick.side == "this" or picture.other is not None
-            pose = (
-                grasp_pose(picture.side(current.pick.side), position, normal, self._axis, current.grip)
-                if is_known
-                else None
-            )
+            pose = grasp_pose(picture.side(current.pick.side), position, normal, self._axis, current.grip)
             self._pose = picture, current, pose
         return self._pose[2]
 
@@ -111,18 +108,13 @@ class PickStore:
         side: SheetSide = "this",
     ) -> None:
         """Pick the cloth of a side nearest to a position of its plane, store the pick and show it."""
-        picture = _shown(picture)
-        grasp = grasp_at(picture.side(side), (u_m, v_m))
+        grasp = grasp_at(_shown(picture).side(side), (u_m, v_m))
+        if any(pick.id == self.loose for pick in self.picks):
+            self.delete(self.loose)
         number = max((p.id for p in self.picks), default=0) + 1
-        pick = self._folder.add_pick(
-            name or f"Pick {number}",
-            grasp.position_held_m,
-            grasp.normal_held,
-            grasp.view_index,
-            grasp.source_rc,
-            side,
-        )
-        self.picks = (*self.picks, pick)
+        place = grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc
+        pick = self._folder.add_pick(name or f"Pick {number}", *place, side)
+        self.picks, self.loose = (*self.picks, pick), pick.id
         self._added(pick, grasp.uv_m)
         self.current = CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m)
 
@@ -162,6 +154,7 @@ class PickStore:
         if distance_m > TOO_FAR_M:
             raise FlatclothError(f"The nearest cloth is {1000 * distance_m:.0f} mm away; give another point.")
         self.add(picture, u_m, v_m, miss_m=distance_m, name=name.strip(), side=side)
+        self.loose = 0
         return self.picks[-1]
 
     @property
@@ -169,9 +162,10 @@ class PickStore:
         """The operator's choices for gripping the picks."""
         return self._book.grips
 
-    def show(self, pick_id: int | None) -> None:
-        """Make a pick of the list the current one, or none."""
+    def show(self, pick_id: int | None, *, keep: bool = False) -> None:
+        """Make a pick of the list the current one, or none; ``keep`` it in the list."""
         self.current = None
+        self.loose = 0 if keep and self.loose == pick_id else self.loose
         if pick_id is not None:
             self.current = CurrentPick(pick=self._listed(pick_id), grip=self._book.get(pick_id))
 
@@ -189,6 +183,7 @@ class PickStore:
                     view_index=pick.view_index,
                     position_held_m=(x, y, z),
                     uv_m=place.uv_m if place is not None and place.in_shape else None,
+                    kept=pick.id != self.loose,
                 )
             )
         return tuple(found)
@@ -231,6 +226,7 @@ class PickStore:
         """Rename a pick."""
         self._listed(pick_id)
         self._folder.record(PickRenamed(pick_id, name))
+        self.loose = 0 if self.loose == pick_id else self.loose
         self._reload()
 
     def delete(self, pick_id: int) -> None:
@@ -304,9 +300,7 @@ def pick_info(
     normal = np.asarray(pick.normal_held, dtype=np.float64)
     at_camera, normal_camera = camera_from_object(axis, picture.angle_deg).apply_with_normal(position, normal)
     is_there = place is not None and place.in_shape
-    z_angle_deg = None
-    if place is not None and is_there:
-        z_angle_deg = finite(float(picture.side(pick.side).z_angle_deg[place.rc]))
+    angles_deg = picture.side(pick.side).z_angle_deg if is_there else None
     values = {
         "id": pick.id,
         "name": pick.name,
@@ -319,7 +313,7 @@ def pick_info(
         "normal_held": [finite(x) for x in normal.tolist()],
         "normal_camera": [finite(x) for x in normal_camera.tolist()],
         "angle_deg": picture.angle_deg,
-        "z_angle_deg": z_angle_deg,
+        "z_angle_deg": None if place is None or angles_deg is None else finite(float(angles_deg[place.rc])),
         "view_index": pick.view_index,
         "source_rc": pick.source_rc,
         "miss_m": current.miss_m,

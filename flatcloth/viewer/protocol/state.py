@@ -332,7 +332,10 @@ class PickInfo(Sent, frozen=True):
 
 
 class ListedPick(Sent, frozen=True):
-    """A pick of the list; ``uv_m`` on the plane of its ``side``, None if that does not contain it."""
+    """A pick of the list; ``uv_m`` on the plane of its ``side``, None if that does not contain it.
+
+    One that is not ``kept`` goes with the next click.
+    """
 
     id: int
     name: str
@@ -340,6 +343,7 @@ class ListedPick(Sent, frozen=True):
     view_index: int
     position_held_m: XYZ
     uv_m: UV | None
+    kept: bool
 
 
 class AxisInfo(Sent, frozen=True):

@@ -169,11 +169,14 @@ def places(shape: Shape, own: np.ndarray) -> tuple[Float64, Float64]:
     return shape.all_uv_m[own], Cylinder().flat_uv_m(shape.nodes.xyz_m[own])
 
 
-def test_what_floats_is_joined_where_the_operator_lays_it_and_keeps_its_layout(torn: Integration) -> None:
-    free = with_all(1, 2)
+@pytest.mark.parametrize("over_m", [0.02, 0.004])
+def test_what_floats_is_joined_where_the_operator_lays_it_and_keeps_its_layout(
+    torn: Integration, over_m: float
+) -> None:
+    free, laid_m = with_all(1, 2), GAP_M + over_m
     before = robust(torn).shapes.of(free)
     assert set(before.piece) >= {0, 1}
-    after = robust(torn).shapes.of(by_hand(torn, free, 1, LAID_M))
+    after = robust(torn).shapes.of(by_hand(torn, free, 1, laid_m))
     right = Cylinder().flat_uv_m(after.nodes.xyz_m)[:, 0] > np.radians(GAP_DEG[0] + 2.0) * 0.12
     alone = right & (after.nodes.xyz_m[:, 0] > np.quantile(after.nodes.xyz_m[right, 0], 0.4))
     joined = right & after.placed
@@ -186,7 +189,7 @@ def test_what_floats_is_joined_where_the_operator_lays_it_and_keeps_its_layout(t
     found, true = places(after, joined & alone)
     assert off_m(found, true) < 0.004
     laid = plane_from_flat.inverse().apply(found) - true
-    np.testing.assert_allclose(np.median(laid, axis=0), [-LAID_M, 0.0], atol=0.004)
+    np.testing.assert_allclose(np.median(laid, axis=0), [-laid_m, 0.0], atol=0.004)
     assert after.vouched.any()
 
 
