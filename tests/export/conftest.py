@@ -8,6 +8,6 @@ from exported_sessions import cylinder_session
 from flatcloth.export.session import OpenedSession
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
     return cylinder_session(tmp_path_factory.mktemp("session"))

@@ -68,8 +68,12 @@ def session(tmp_path_factory):
     return made
 
 
-def test_a_session_of_one_side_stays_one(tmp_path) -> None:
-    alone = cylinder_session(tmp_path)
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    return cylinder_session(tmp_path_factory.mktemp("alone"))
+
+
+def test_a_session_of_one_side_stays_one(alone) -> None:
     assert alone.both is None
     assert alone.sides is None
     assert list(both_sides(alone)) == []
@@ -109,8 +113,7 @@ def test_figure_and_report_show_the_seams(session) -> None:
     assert "<td>joins</td>" in text
 
 
-def test_the_animation_ends_with_both_sides(session, tmp_path) -> None:
-    alone = cylinder_session(tmp_path)
+def test_the_animation_ends_with_both_sides(session, alone) -> None:
     assert len(list(frames(session))) == len(list(frames(alone))) + 1
 
 
