@@ -31,6 +31,7 @@ def test_a_text_is_read_as_its_type() -> None:
     ("text", "said"),
     [
         ('{"parts": 1}', "parts is a number; expected a list"),
+        ('{"parts": {}}', "parts is an object; expected a list"),
         ("[]", "it is a list of 0; expected an object"),
         ("{}", "parts is missing"),
         ('{"parts": [], "nom": 1}', "nom is no field that is known"),

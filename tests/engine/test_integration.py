@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import AXIS, Cylinder
-from sheet_runs import SHEET, STEPS, done, errors_m
+from sheet_runs import SHEET, STEPS, done, errors_m, shared
 from sheet_runs import integration as sheet_integration
 
 from flatcloth.core.config import Config, FlatteningConfig, PlanningConfig
@@ -87,7 +87,7 @@ def test_unattended_two_threads_read_the_views_and_each_is_read_once() -> None:
     made.views.keep_frames()
     areas = made.views.observed_areas_m2()
     assert sorted(reads) == list(range(len(STEPS)))
-    np.testing.assert_array_equal(areas, integration().views.observed_areas_m2())
+    np.testing.assert_array_equal(areas, shared("paper").views.observed_areas_m2())
 
 
 def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
@@ -103,7 +103,7 @@ def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
 
 
 def test_undo_is_exact_and_costs_nothing() -> None:
-    made = integration()
+    made = shared("paper")
     state = done(made, started(made, 0), Propose())
     before = made.canonical(state.document)
     pending = state.document.pending
@@ -132,7 +132,7 @@ def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
 
 
 def test_the_overlay_is_made_once_for_each_placement() -> None:
-    made = integration()
+    made = shared("paper")
     state = done(made, started(made, 0), Propose())
     before = made.overlay(state.document)
     beyond(before, made.canonical(state.document).view)
@@ -144,7 +144,7 @@ def test_the_overlay_is_made_once_for_each_placement() -> None:
 
 
 def test_a_nudge_moves_the_overlay_and_lowers_the_score_of_a_good_proposal() -> None:
-    made = integration()
+    made = shared("paper")
     state = done(made, started(made, 0), Propose())
     before, score = made.overlay(state.document), made.score(state.document).total
     view = state.document.pending.view_index  # type: ignore[union-attr]
@@ -158,14 +158,14 @@ def test_a_nudge_moves_the_overlay_and_lowers_the_score_of_a_good_proposal() -> 
 
 
 def test_the_proposal_of_a_resumed_session_is_the_same() -> None:
-    made = integration()
+    made = shared("paper")
     state = done(made, started(made, 0), Propose())
     again = integration().proposal(state.document)
     assert again.alignment.current_from_new == made.proposal(state.document).alignment.current_from_new
 
 
 def test_any_view_can_be_asked_for_by_hand() -> None:
-    made = integration()
+    made = shared("paper")
     state = done(made, started(made, 0), Propose(2))
     pending = state.document.pending
     assert pending is not None
@@ -198,7 +198,7 @@ def test_unsure_refusals_lead_to_another_view_and_an_end() -> None:
 
 
 def test_the_policy_goes_by_the_score() -> None:
-    made = integration()
+    made = shared("paper")
     state = done(made, started(made, 0), Propose())
     assert isinstance(accept_by_score(made, state), Accept)
     proposed = Proposed(99, 3, Rigid2(), Side.LEFT, 0.1)
@@ -273,7 +273,7 @@ def one_accepted(made: Integration) -> SessionState:
 
 
 def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_again() -> None:
-    made = sheet_integration("robust")
+    made = shared("robust")
     state = one_accepted(made)
     whole, cloth = made.canonical(state.document), made.cloth(state.document)
     assert cloth is not None
@@ -301,7 +301,7 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
 
 
 def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
-    made = sheet_integration("robust")
+    made = shared("robust")
     state = one_accepted(made)
     whole, cloth = made.canonical(state.document).view, made.cloth(state.document)
     assert cloth is not None
@@ -327,7 +327,7 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
 
 
 def test_the_paper_knows_no_cloth_to_take_apart() -> None:
-    made = integration()
+    made = shared("paper")
     assert made.cloth(started(made, 0).document) is None
 
 
@@ -357,7 +357,7 @@ def test_a_folded_view_is_neither_begun_with_nor_proposed() -> None:
 
 
 def test_the_cloud_of_a_view_lies_in_the_held_frame() -> None:
-    made = integration()
+    made = shared("paper")
     for view in (0, 3):
         cloud = made.views.cloud(view)
         offset = cloud.xyz_m - made.axis.point_m

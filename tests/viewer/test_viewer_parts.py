@@ -28,7 +28,6 @@ from flatcloth.session.machine import (
     Skip,
     Start,
     Started,
-    Undo,
     apply,
 )
 from flatcloth.viewer.protocol.actions import ACTIONS
@@ -104,12 +103,6 @@ def state_after(*steps):
 def test_the_table_says_why_an_action_is_not_allowed_now(steps, name, said):
     why_not = next(a.why_not for a in action_table(state_after(*steps)) if a.name == name)
     assert why_not is None if said is None else said in why_not
-
-
-def test_undo_and_redo_name_the_decision_that_they_are_about():
-    states = state_after(*TWO), state_after(*TWO, Undo(), Undo())
-    tables = [{a.name: a.description for a in action_table(state)} for state in states]
-    assert [tables[0]["undo"], tables[1]["redo"]] == ["Undo: accept view 2.", "Redo: accept view 1."]
 
 
 @pytest.mark.parametrize(
