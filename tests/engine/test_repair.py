@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import Cylinder
+from sheet_runs import STEPS, done, shared
 
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
@@ -19,20 +19,14 @@ from flatcloth.methods.answers import AlignmentScore
 from flatcloth.methods.registry import method_names
 from flatcloth.session.machine import Accept, Nudge, Propose, SessionState, Start, apply
 
-STEPS = tuple(float(a) for a in range(0, 360, 20))
 UNIT = st.floats(-1, 1)
 MOTIONS = st.builds(Rigid2, st.floats(-3, 3), UNIT, UNIT)
 POINTS = np.array([[0.0, 0.0], [0.2, 0.0], [0.2, 0.1], [-0.1, 0.3]])
 
 
 def proposed(method: str) -> tuple[Integration, SessionState]:
-    made = Integration(Cylinder(angles_deg=STEPS, span_deg=(-100.0, 100.0)), method=method)
-    state = SessionState(len(STEPS))
-    for command in (Start(0), Propose(2)):
-        state = apply(state, command)
-        assert state.request is not None
-        state = apply(state, made.answer(state.document, state.request))
-    return made, state
+    made = shared(method)
+    return made, done(made, SessionState(len(STEPS)), Start(0), Propose(2))
 
 
 # --- pairs ----------------------------------------------------------------------------------------
@@ -47,14 +41,6 @@ def test_pairs_that_a_motion_made_are_fitted_by_it_whatever_their_weights(
     np.testing.assert_allclose(fit.by.apply(POINTS), motion.apply(POINTS), atol=1e-9)
     np.testing.assert_allclose(fit.fitted_m, 0.0, atol=1e-9)
     np.testing.assert_allclose(fit.residual_m, np.linalg.norm(motion.apply(new) - new, axis=1), atol=1e-12)
-
-
-def test_two_pairs_of_other_lengths_share_the_misfit() -> None:
-    new, shape = np.array([[0.0, 0.0], [0.10, 0.0]]), np.array([[0.0, 0.05], [0.0, 0.17]])
-    fit = fit_pairs(new, shape, np.ones(2))
-    assert fit.by.theta_rad == pytest.approx(math.pi / 2)
-    np.testing.assert_allclose(fit.fitted_m, 0.01, atol=1e-12)
-    assert fit.rms_m == pytest.approx(0.01)
 
 
 def test_a_heavier_pair_is_fitted_better_by_the_rule_of_the_lever() -> None:

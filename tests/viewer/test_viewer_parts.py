@@ -45,10 +45,6 @@ RESERVED = {
 }
 
 
-def luma(rgb):
-    return rgb.astype(float) @ [0.2126, 0.7152, 0.0722]
-
-
 @pytest.mark.parametrize("mode", ["session", "capture", "teaching"])
 def test_every_key_means_one_action_in_a_mode_and_none_is_the_browsers(mode):
     keys = [key for action in ACTIONS if action.mode in ("", mode) for key in action.keys]
@@ -124,20 +120,6 @@ def test_the_table_says_why_an_action_is_not_allowed_now(steps, name, said):
 )
 def test_an_action_is_the_command_that_it_means_now(steps, name, given, command):
     assert command_of(name, state_after(*steps), given) == command
-
-
-@pytest.mark.parametrize(("name", "sign"), [("sequential", 1), ("loss", -1)])
-def test_a_map_grows_lighter_or_darker_all_the_way(name, sign):
-    light = sign * luma(MAPS[name].table())
-    assert np.all(np.diff(light) > -1.0)
-    assert light[-1] - light[0] > 150
-
-
-def test_the_diverging_map_is_lightest_in_the_middle_and_its_ends_differ_in_hue():
-    table = MAPS["diverging"].table()
-    assert 120 < np.argmax(luma(table)) < 136
-    assert table[0, 2] > table[0, 0] + 60
-    assert table[-1, 0] > table[-1, 2] + 60
 
 
 def test_views_used_together_and_neighbours_have_colours_of_their_own():
