@@ -53,9 +53,11 @@ def test_only_a_file_or_a_link_is_replaced(tmp_path: Path) -> None:
         with pytest.raises(OSError, match=cause):
             replace_file(tmp_path / name, b"cloth")
     assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+    (tmp_path / "target").write_text("precious\n")
     (tmp_path / "link").symlink_to(tmp_path / "target")
     replace_file(tmp_path / "link", b"cloth")
-    assert not (tmp_path / "target").exists()
+    assert not (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_text() == "precious\n"
     assert (tmp_path / "link").read_bytes() == b"cloth"
 
 

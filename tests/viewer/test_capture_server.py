@@ -261,7 +261,7 @@ def test_the_page_of_a_played_file_is_served(tmp_path: Path, monkeypatch: pytest
 
 
 def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
-    camera = SceneCamera(fps=60.0)
+    camera = SceneCamera(fps=30.0)
     camera.depth_scale_m = 0.0001  # the camera says so, and means a thousandth
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
