@@ -131,30 +131,20 @@ def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
     assert made.score(document).total == pytest.approx(proposal.alignment.score.total)
 
 
-def test_the_overlay_is_made_once_for_each_placement() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose())
-    before = made.overlay(state.document)
-    beyond(before, made.canonical(state.document).view)
-    assert made.overlay(state.document) is before
-    moved = apply(state, Nudge(state.document.pending.view_index, Rigid2(0.0, 0.01, 0.0)))  # type: ignore[union-attr]
-    assert made.overlay(moved.document) is not before
-    # Taken back, it lies where it was.
-    np.testing.assert_array_equal(made.overlay(apply(moved, Undo()).document).valid, before.valid)
-
-
-def test_a_nudge_moves_the_overlay_and_lowers_the_score_of_a_good_proposal() -> None:
+def test_a_nudge_moves_the_overlay_which_is_made_once_for_each_place_and_lowers_a_good_score() -> None:
     made = shared("paper")
     state = done(made, started(made, 0), Propose())
     before, score = made.overlay(state.document), made.score(state.document).total
+    beyond(before, made.canonical(state.document).view)
+    assert made.overlay(state.document) is before
     view = state.document.pending.view_index  # type: ignore[union-attr]
-    state = apply(state, Nudge(view, Rigid2(0.0, 0.02, 0.03)))
-    after = made.overlay(state.document)
-    moved = np.array(after.origin_uv_m) - before.origin_uv_m
+    nudged = apply(state, Nudge(view, Rigid2(0.0, 0.02, 0.03)))
+    moved = np.array(made.overlay(nudged.document).origin_uv_m) - before.origin_uv_m
     np.testing.assert_allclose(moved, [0.02, 0.03], atol=1e-9)
-    assert made.score(state.document).total < score
-    accepted = apply(state, Accept(view))
-    assert accepted.document.accepted[-1].fixed
+    assert made.score(nudged.document).total < score
+    # Taken back, it lies where it was.
+    np.testing.assert_array_equal(made.overlay(apply(nudged, Undo()).document).valid, before.valid)
+    assert apply(nudged, Accept(view)).document.accepted[-1].fixed
 
 
 def test_the_proposal_of_a_resumed_session_is_the_same() -> None:
