@@ -6,7 +6,6 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -60,15 +59,6 @@ def server(integration: CylinderIntegration, folder: MemoryFolder) -> Iterator[P
 def place(tmp_path: Path) -> Path:
     """Where a session is to be."""
     return tmp_path / "session"
-
-
-@pytest.fixture
-def viser_server() -> Iterator[Any]:
-    import viser
-
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-    yield server
-    server.stop()
 
 
 @pytest.fixture(scope="session", autouse=True)

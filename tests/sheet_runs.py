@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from scenes import Cylinder
 
@@ -17,6 +19,12 @@ SHEET = {"angles_deg": STEPS, "span_deg": (-100.0, 100.0)}
 
 def integration(method: str, config: Config | None = None, **options: object) -> Integration:
     return Integration(Cylinder(**{**SHEET, **options}), config, method)  # type: ignore[arg-type]
+
+
+@cache
+def shared(method: str) -> Integration:
+    """Return one integration for all tests that leave it as it is: what they ask again is in its memory."""
+    return integration(method)
 
 
 def done(made: Integration, state: SessionState, *commands: Command) -> SessionState:

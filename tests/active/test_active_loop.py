@@ -100,17 +100,6 @@ def test_a_view_that_was_written_but_not_integrated_before_a_kill_is_integrated(
     again.close()
 
 
-def test_a_budget_that_is_spent_ends_without_the_goal(tmp_path: Path) -> None:
-    loop = led(loop_in(tmp_path / "out", views=2), sheet_cell(tmp_path / "cell"))
-    loop.close()
-    assert isinstance(loop.asked, End)
-    assert not loop.asked.reached
-    assert "The budget of 2 views is spent" in loop.asked.reason
-    more = ActiveLoop(tmp_path / "out", SHAPE, Budget(views=3))  # a larger one goes on
-    assert isinstance(more.asked, Next)
-    more.close()
-
-
 # --- what is wrong with a view ---------------------------------------------------------------
 
 

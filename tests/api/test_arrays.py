@@ -47,19 +47,19 @@ def test_arrays_are_read_back_as_frames() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "metres"),
+    "changes",
     [
-        ({"depth": np.full((2, 240, 240), 850, np.uint16)}, 0.85),
-        ({"depth": np.full((2, 240, 240), 850, np.int64)}, 0.85),
-        ({"depth": np.full((2, 240, 240), 3400, np.uint16), "depth_scale_m": 0.00025}, 0.85),
-        ({"depth": np.full((2, 240, 240), 850.0), "depth_scale_m": 0.001}, 0.85),
-        ({"depth": np.full((2, 240, 240), 0.85)}, 0.85),
+        {"depth": np.full((2, 240, 240), 850, np.uint16)},
+        {"depth": np.full((2, 240, 240), 850, np.int64)},
+        {"depth": np.full((2, 240, 240), 3400, np.uint16), "depth_scale_m": 0.00025},
+        {"depth": np.full((2, 240, 240), 850.0), "depth_scale_m": 0.001},
+        {"depth": np.full((2, 240, 240), 0.85)},
     ],
 )
-def test_depth_is_scaled_to_metres(changes: dict[str, Any], metres: float) -> None:
+def test_depth_is_scaled_to_metres(changes: dict[str, Any]) -> None:
     recording = flatcloth.recording_from_arrays(**arrays(**changes))
     assert recording[0].depth_m.dtype == np.float32
-    assert np.allclose(recording[0].depth_m, metres)
+    assert np.allclose(recording[0].depth_m, 0.85)
 
 
 def test_depth_without_a_measurement_is_zero() -> None:

@@ -112,20 +112,19 @@ def test_both_methods_are_offered_and_others_refused() -> None:
         flatcloth.integrate(cylinder(), method="best")
 
 
-def test_each_view_is_reported_with_the_shape_so_far() -> None:
-    seen = []
-    flatcloth.integrate(cylinder(), on_view=lambda decision, so_far: seen.append((decision, so_far.views)))
+def test_each_view_is_reported_with_the_shape_so_far_and_progress_is_told_until_it_is_cancelled() -> None:
+    seen, told = [], list[tuple[float, str]]()
+    flatcloth.integrate(
+        cylinder(),
+        on_view=lambda decision, so_far: seen.append((decision, so_far.views)),
+        progress=lambda share, text: told.append((share, text)),
+    )
     first, *others = seen
     assert math.isnan(first[0].score)
     assert first[1] == (1,)
     # All views are taken at once, each where it hangs.
     assert [decision.view_index for decision, _ in others] == [0, 2]
     assert all(decision.accepted and len(views) == 3 for decision, views in others)
-
-
-def test_progress_is_told_and_the_work_can_be_cancelled() -> None:
-    told: list[tuple[float, str]] = []
-    flatcloth.integrate(cylinder(), progress=lambda share, text: told.append((share, text)))
     assert all(0.0 <= share <= 1.0 for share, _ in told)
     assert "choosing the rotation" in {text for _, text in told}
     stop = threading.Event()

@@ -56,8 +56,9 @@ WITHOUT = {
 }
 
 
-@pytest.mark.parametrize("width", [1280, 390], ids=["desktop", "mobile"])
-@pytest.mark.parametrize("behaviour", WITHOUT.values(), ids=WITHOUT)
+@pytest.mark.parametrize(
+    ("behaviour", "width"), [*zip(WITHOUT.values(), (1280, 390, 1280), strict=True)], ids=WITHOUT
+)
 def test_without_webgl_a_line_says_so_and_the_flat_part_works(
     server: PageServer, look: Look, behaviour: str, width: int
 ) -> None:

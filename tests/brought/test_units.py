@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from flatcloth.checking.units import ANGLES, allowed
+from flatcloth.checking.units import ANGLES, DEPTHS, allowed
 from flatcloth.cli import main
 
 VIEWS = [(f"{n:05d}", n) for n in range(36)]
@@ -23,24 +23,27 @@ def _checked(folder: Path, angles: list[float], capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.parametrize(
-    ("degrees_a_unit", "name"),
+    ("factor", "known", "name"),
     [
-        (math.degrees(1.0), "radians"),
-        (360.0, "turns"),
-        (0.9, "gradians"),
-        (360 / 16384, "14-bit encoder"),
-        (1.8, "motor with 200 a turn"),
-        (360 / 3200, "motor with 3200 a turn"),
-        (1 / 36, "gear of 1:36"),
-        (10.0, "numbers of views 10 degrees apart"),
-        (0.37, ""),
+        (math.degrees(1.0), ANGLES, "radians"),
+        (360.0, ANGLES, "turns"),
+        (0.9, ANGLES, "gradians"),
+        (360 / 16384, ANGLES, "14-bit encoder"),
+        (1.8, ANGLES, "motor with 200 a turn"),
+        (360 / 3200, ANGLES, "motor with 3200 a turn"),
+        (1 / 36, ANGLES, "gear of 1:36"),
+        (10.0, ANGLES, "numbers of views 10 degrees apart"),
+        (0.37, ANGLES, ""),
+        (10.0, DEPTHS, "centimetres"),
+        (0.25, DEPTHS, "quarters"),
+        (0.125, DEPTHS, "1/8000 m"),
     ],
 )
-def test_a_unit_of_angles_is_named_where_an_estimate_allows_it(degrees_a_unit: float, name: str) -> None:
-    likeliest = allowed(1.003 * degrees_a_unit, 0.003, ANGLES)[0]
+def test_a_unit_is_named_where_an_estimate_allows_it(factor: float, known: Any, name: str) -> None:
+    likeliest = allowed(1.003 * factor, 0.003, known)[0]
     assert name in likeliest.name
     assert bool(name) == bool(likeliest.name)
-    assert likeliest.factor == pytest.approx(degrees_a_unit, rel=0.01)
+    assert likeliest.factor == pytest.approx(factor, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -86,16 +89,7 @@ def test_views_too_far_apart_are_not_called_right(take: Any, capsys: pytest.Capt
     assert "--angle-factor" not in said
 
 
-@pytest.mark.parametrize(
-    ("units_a_mm", "name"),
-    [
-        (0.1, "centimetres"),
-        (10.0, "tenths of a millimetre"),
-        (4.0, "quarters"),
-        (5.0, "1/5000 m"),
-        (8.0, "1/8000 m"),
-    ],
-)
+@pytest.mark.parametrize(("units_a_mm", "name"), [(0.1, "centimetres"), (5.0, "1/5000 m")])
 def test_a_unit_of_depth_is_among_the_names(
     units_a_mm: float, name: str, take: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -62,9 +62,6 @@ def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
         keys.press("Escape")
         tab.page.locator(dialog).wait_for(state="hidden")
     assert {where: what for where, what in found.items() if what} == {}
-
-
-def test_the_checker_sees_the_page(open_tab):
-    tab = open_tab().ready()
+    # And the checker sees the page.
     tab.page.evaluate("document.querySelector('.status').append(document.createElement('button'))")
     assert any("critical: button-name" in finding for finding in tab.findings())

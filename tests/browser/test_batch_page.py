@@ -161,9 +161,9 @@ def review(night: Path) -> Iterator[str]:
 
 
 def test_served_verdicts_are_kept_and_a_click_opens_the_session(
-    chromium: Browser, night: Path, review: str
+    flat_chromium: Browser, night: Path, review: str
 ) -> None:
-    context = chromium.new_context()
+    context = flat_chromium.new_context()
     page = context.new_page()
     page.set_default_timeout(WAIT_MS)
     page.goto(review)

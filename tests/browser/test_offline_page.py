@@ -120,25 +120,16 @@ def open_page(chromium: Browser, file: Path) -> Iterator[Callable[..., Offline]]
         assert {url for tab in tabs for url in tab.requests} == {file.as_uri()}
 
 
-def test_a_click_on_the_flat_is_shown_in_3d(open_page, session: OpenedSession) -> None:
+def test_a_click_on_either_side_is_shown_on_the_other_and_kept_picks_with_their_gripper(
+    open_page, session: OpenedSession
+) -> None:
     tab = open_page()
-    view = session.growth.view
-    rc = tuple(int(x) for x in (view.shape[0] // 2, view.shape[1] // 2))
-    assert view.valid[rc]
-    u_m, v_m = view.uv_from_rc(rc)
-    tab.page.mouse.click(*tab.on_flat(float(u_m), float(v_m)))
-    expect(tab.page.locator("#pick h2")).to_have_text("Here")
-    point = view.xyz_m[rc].astype(float).tolist()
-    assert math.dist(tab.held_m(), point) < 0.002
-    assert tab.values()["source"].startswith(f"view {view.view_index[rc]} @")
-    expect(tab.page.locator("#cloud-marks")).to_be_attached()
-    tab.marked("#cloud-marks", *tab.on_cloud(point), 40)
-    tab.marked("#canvas", *tab.on_flat(float(u_m), float(v_m)), 20)
-    tab.shoot("offline-picked")
+    a_click_in_3d_is_shown_on_the_flat(tab, session)
+    a_kept_pick_shows_its_gripper_on_both_sides(tab, session)
+    a_click_on_the_flat_is_shown_in_3d_and_the_pointer_tells_its_values(tab, session)
 
 
-def test_a_click_in_3d_is_shown_on_the_flat(open_page, session: OpenedSession) -> None:
-    tab = open_page()
+def a_click_in_3d_is_shown_on_the_flat(tab: Offline, session: OpenedSession) -> None:
     # What the camera of the last view saw squarely is in front of everything else.
     view = session.growth.view
     rows, cols = ((view.view_index == 2) & (abs(view.z_angle_deg) < 20)).nonzero()
@@ -156,8 +147,7 @@ def test_a_click_in_3d_is_shown_on_the_flat(open_page, session: OpenedSession) -
     assert tab.held_m() == found
 
 
-def test_a_kept_pick_shows_its_gripper_on_both_sides(open_page, session: OpenedSession) -> None:
-    tab = open_page()
+def a_kept_pick_shows_its_gripper_on_both_sides(tab: Offline, session: OpenedSession) -> None:
     tab.page.get_by_role("button", name="Show edge <b>").click()
     expect(tab.page.locator("#pick h2")).to_have_text("edge <b>")
     assert tab.values()["opening"] == "40 mm"
@@ -174,8 +164,53 @@ def test_a_kept_pick_shows_its_gripper_on_both_sides(open_page, session: OpenedS
     tab.shoot("offline-gripper")
 
 
-def test_the_timeline_is_stepped_through_by_keys_and_buttons(open_page, session: OpenedSession) -> None:
+def a_click_on_the_flat_is_shown_in_3d_and_the_pointer_tells_its_values(
+    tab: Offline, session: OpenedSession
+) -> None:
+    view = session.growth.view
+    rc = tuple(int(x) for x in (view.shape[0] // 2, view.shape[1] // 2))
+    assert view.valid[rc]
+    u_m, v_m = view.uv_from_rc(rc)
+    tab.page.mouse.click(*tab.on_flat(float(u_m), float(v_m)))
+    expect(tab.page.locator("#pick h2")).to_have_text("Here")
+    point = view.xyz_m[rc].astype(float).tolist()
+    assert math.dist(tab.held_m(), point) < 0.002
+    assert tab.values()["source"].startswith(f"view {view.view_index[rc]} @")
+    expect(tab.page.locator("#cloud-marks")).to_be_attached()
+    tab.marked("#cloud-marks", *tab.on_cloud(point), 40)
+    tab.marked("#canvas", *tab.on_flat(float(u_m), float(v_m)), 20)
+    tab.shoot("offline-picked")
+    tab.page.mouse.move(0, 0)
+    tab.page.mouse.move(*tab.on_flat(float(u_m), float(v_m)))
+    expect(tab.page.locator("#readout")).to_contain_text(f"view {view.view_index[rc]}")
+    expect(tab.page.locator("#readout")).to_contain_text("mm")
+
+
+def test_steps_layers_theme_and_the_view_in_3d_are_reached_by_keys_and_buttons(
+    open_page, session: OpenedSession
+) -> None:
     tab = open_page()
+    everything_has_a_name_for_those_who_do_not_see_it(tab)
+    the_timeline_is_stepped_through(tab, session)
+    layers_theme_and_3d_follow_the_keys(tab)
+
+
+def everything_has_a_name_for_those_who_do_not_see_it(tab: Offline) -> None:
+    nameless = tab.page.evaluate(
+        """() => [...document.querySelectorAll(
+               "button, canvas:not([aria-hidden]), [role=group], section, aside, dialog, img")]
+             .filter((e) => !(e.ariaLabel || e.getAttribute("aria-labelledby") || e.textContent.trim()
+               || e.hasAttribute("alt") || (e.tagName === "SECTION" && e.closest("aside"))))
+             .map((e) => e.outerHTML.slice(0, 80))"""
+    )
+    assert nameless == []
+    tree = tab.page.locator("body").aria_snapshot()
+    for name in ("Hanging item in 3D", "Flattened view", "Layer", "Picks and decisions"):
+        assert name in tree
+    assert tab.page.locator("#hint").get_attribute("role") == "status"  # each step is read aloud
+
+
+def the_timeline_is_stepped_through(tab: Offline, session: OpenedSession) -> None:
     keyboard = tab.page.keyboard
 
     def cloth() -> int:
@@ -211,8 +246,7 @@ def test_the_timeline_is_stepped_through_by_keys_and_buttons(open_page, session:
     assert tab.page.evaluate("flatcloth.tint") is False
 
 
-def test_layers_theme_and_keys_work_from_the_keyboard(open_page) -> None:
-    tab = open_page()
+def layers_theme_and_3d_follow_the_keys(tab: Offline) -> None:
     keyboard = tab.page.keyboard
     keyboard.press("4")
     expect(tab.page.get_by_role("button", name="Source", exact=False).first).to_have_attribute(
@@ -243,58 +277,33 @@ def test_layers_theme_and_keys_work_from_the_keyboard(open_page) -> None:
     assert tab.page.evaluate("flatcloth.current") is None  # a drag is no click
 
 
-def test_hovering_tells_the_values_of_the_cloth(open_page, session: OpenedSession) -> None:
-    tab = open_page()
-    view = session.growth.view
-    rc = (view.shape[0] // 2, view.shape[1] // 2)
-    u_m, v_m = view.uv_from_rc(rc)
-    tab.page.mouse.move(*tab.on_flat(float(u_m), float(v_m)))
-    expect(tab.page.locator("#readout")).to_contain_text(f"view {view.view_index[rc]}")
-    expect(tab.page.locator("#readout")).to_contain_text("mm")
-
-
-def test_everything_has_a_name_for_those_who_do_not_see_it(open_page) -> None:
-    tab = open_page()
-    nameless = tab.page.evaluate(
-        """() => [...document.querySelectorAll(
-               "button, canvas:not([aria-hidden]), [role=group], section, aside, dialog, img")]
-             .filter((e) => !(e.ariaLabel || e.getAttribute("aria-labelledby") || e.textContent.trim()
-               || e.hasAttribute("alt") || (e.tagName === "SECTION" && e.closest("aside"))))
-             .map((e) => e.outerHTML.slice(0, 80))"""
-    )
-    assert nameless == []
-    tree = tab.page.locator("body").aria_snapshot()
-    for name in ("Hanging item in 3D", "Flattened view", "Layer", "Picks and decisions"):
-        assert name in tree
-    assert tab.page.locator("#hint").get_attribute("role") == "status"  # each step is read aloud
-
-
-@pytest.mark.parametrize(("width", "height"), [(1280, 720), (1920, 1080), (820, 1100)])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_page_fits_its_window(open_page, width: int, height: int, scheme: str) -> None:
-    tab = open_page(width, height, scheme)
+def test_the_page_fits_its_window(open_page, scheme: str) -> None:
+    tab = open_page(scheme=scheme)
     expect(tab.page.locator("html")).to_have_attribute("data-theme", scheme)
     tab.page.keyboard.press("3")
     tab.page.get_by_role("button", name="Show middle").click()
-    across = tab.page.evaluate("document.documentElement.scrollWidth - innerWidth")
-    assert across <= 0
-    cut = tab.page.evaluate(
-        "[...document.querySelectorAll('.values dd, .readout dd, .button')]"
-        ".filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.textContent)"
-    )
-    assert cut == []
-    painted = tab.page.evaluate(
-        """() => { const c = document.querySelector("#cloud"), gl = c.getContext("webgl2");
-             const p = new Uint8Array(4 * c.width * c.height);
-             gl.readPixels(0, 0, c.width, c.height, gl.RGBA, gl.UNSIGNED_BYTE, p);
-             const ground = p.slice(0, 3).join();
-             let count = 0;
-             for (let i = 0; i < p.length; i += 4) if (p.slice(i, i + 3).join() !== ground) count += 1;
-             return [count / (c.width * c.height), p[0]]; }"""
-    )
-    assert painted[0] > 0.03  # the item fills a part of its pane
-    assert painted[1] < 60 if scheme == "dark" else painted[1] > 200
-    tab.shoot(f"offline-{width}-{scheme}")
+    for width, height in ((1280, 720), (1920, 1080), (820, 1100)):
+        tab.page.set_viewport_size({"width": width, "height": height})
+        tab.shoot(f"offline-{width}-{scheme}")
+        across = tab.page.evaluate("document.documentElement.scrollWidth - innerWidth")
+        assert across <= 0
+        cut = tab.page.evaluate(
+            "[...document.querySelectorAll('.values dd, .readout dd, .button')]"
+            ".filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.textContent)"
+        )
+        assert cut == []
+        painted = tab.page.evaluate(
+            """() => { const c = document.querySelector("#cloud"), gl = c.getContext("webgl2");
+                 const p = new Uint8Array(4 * c.width * c.height);
+                 gl.readPixels(0, 0, c.width, c.height, gl.RGBA, gl.UNSIGNED_BYTE, p);
+                 const ground = p.slice(0, 3).join();
+                 let count = 0;
+                 for (let i = 0; i < p.length; i += 4) if (p.slice(i, i + 3).join() !== ground) count += 1;
+                 return [count / (c.width * c.height), p[0]]; }"""
+        )
+        assert painted[0] > 0.03  # the item fills a part of its pane
+        assert painted[1] < 60 if scheme == "dark" else painted[1] > 200
 
 
 def test_a_browser_that_cannot_unpack_it_says_so(chromium: Browser, file: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from flatcloth.checking.check import check_recording
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.base import ViewImages, altered
+from flatcloth.recordings.base import ViewImages, altered, fingerprint
 from flatcloth.recordings.mending import Mends, mended
 
 NAMES = ("shirt-corner-d435", "shirt-sleeve-clean", "trousers-waist-d435")
@@ -79,7 +79,9 @@ def test_a_mistake_is_named_stops_a_run_and_is_mended(right, mistake, name):
     check = check_recording(wrong)
     assert check.findings[0].name == name
     assert check.findings[0].is_certain
-    assert any(check_recording(mended(wrong, mends)).findings == () for mends in check.findings[0].mends)
+    again = [mended(wrong, mends) for mends in check.findings[0].mends]
+    is_right = fingerprint(right) in map(fingerprint, again)  # else it is estimated, and nearly right
+    assert is_right or any(check_recording(each).findings == () for each in again)
     with pytest.raises(RecordingError, match="--as-recorded"):
         check.refuse(wrong.location)
 

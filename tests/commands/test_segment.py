@@ -23,9 +23,9 @@ VIEWS = plate((0.0, 20.0, 40.0, 60.0, 120.0, 150.0, 180.0, 210.0, 240.0, 300.0, 
 BACK = (ImageStroke(side="this", view_index=6, points_rc=((119.0, 119.0),)),)
 
 
-@pytest.fixture
-def recording(tmp_path):
-    folder = tmp_path / "plate"
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recording") / "plate"
     with RecordingWriter(
         folder,
         name="plate",
@@ -91,74 +91,46 @@ def test_strokes_that_touch_no_image_are_refused_and_not_journaled(recording, tm
     assert 200 < outcome["area_cm2"] < 300
 
 
-ON_CLOTH = {"side": "this", "points_m": [[0.0, 0.0, 0.7]] * 2, "normals": [[0.0, 0.0, -1.0]] * 2}
+def decisions(*tables: object) -> str:
+    """Return the text of a file of strokes."""
+    return json.dumps({"format": FORMAT, "decisions": tables})
 
 
-@pytest.mark.parametrize(
-    ("decision", "said"),
-    [
-        (
-            {"kind": "image", "side": "this", "view_index": 0, "points_rc": [[119.0, 119.0], [1e300, 0.0]]},
-            r"points_rc\[1\]\[0\] is 1e\+300",
-        ),
-        ({"kind": "space", **ON_CLOTH, "points_m": [[0, 0, 0.7], [1e300, 0, 0]]}, r"m\[1\]\[0\] is 1e"),
-        ({"kind": "space", **ON_CLOTH, "normals": [[0, 0, -1], [0, 0, -1e200]]}, r"normals\[1\]\[2\] is -1e"),
-        ({"kind": "space", **ON_CLOTH, "normals": [[0, 0, 0]] * 2}, "no cloth under it"),
-        ({"kind": "space", **ON_CLOTH, "radius_m": 1e-300}, "no cloth under it"),
-        ({"kind": "space", **ON_CLOTH, "points_m": [[900.0, 0, 0], [900.0, 0, -900.0]]}, "no cloth under it"),
-    ],
-)
-def test_numbers_that_no_stroke_has_are_told_in_one_line(recording, tmp_path, capsys, decision, said):
-    file = tmp_path / "strokes.json"
-    file.write_text(json.dumps({"format": "flatcloth-strokes/1", "decisions": [decision]}))
-    assert main(["segment", str(recording), "--out", str(tmp_path / "out"), "--strokes", str(file)]) == 2
-    error = capsys.readouterr().err.strip()
-    assert re.search(said, error)
-    assert "\n" not in error
+ON_IMAGE = {"kind": "image", "side": "this", "view_index": 0, "points_rc": [[119.0, 119.0]]}
+ON_CLOTH = {
+    "kind": "space", "side": "this", "points_m": [[0.0, 0.0, 0.7]] * 2, "normals": [[0.0, 0.0, -1.0]] * 2,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("content", "said"),
     [
+        (None, "strokes.json: missing, or not a file. Restore it"),
         ("no json", "not valid JSON"),
         ('{"format": "other"}', 'its "format" must be "flatcloth-strokes/1"'),
-        (
-            '{"format": "flatcloth-strokes/1", "decisions": [{"kind": "dab"}]}',
-            r"decisions\[0\]: no stroke or cut",
-        ),
-        ('{"format": "flatcloth-strokes/1", "decisions": [{"kind": []}]}', "no stroke or cut"),
         ('{"format": "flatcloth-strokes/1", "decisions": 3}', '"decisions" must be a list'),
-        (
-            '{"format": "flatcloth-strokes/1", "decisions": '
-            '[{"kind": "image", "side": "left", "view_index": 0, "points_rc": [[1, 1]]}]}',
-            r"""decisions\[0\].side is 'left'; expected one of "this" and "other".""",
-        ),
-        (
-            '{"format": "flatcloth-strokes/1", "decisions": '
-            '[{"kind": "image", "side": "this", "view_index": 0, "points_rc": [[1, NaN]]}]}',
-            r"decisions\[0\].points_rc\[0\]\[1\] is not a finite number",
-        ),
-        (
-            '{"format": "flatcloth-strokes/1", "decisions": '
-            '[{"kind": "image", "side": "this", "view_index": 44, "points_rc": [[1, 1]]}]}',
-            "decision 1: view 44 does not exist",
-        ),
+        (decisions({"kind": "dab"}), r"decisions\[0\]: no stroke or cut"),
+        (decisions({"kind": []}), "no stroke or cut"),
+        (decisions(ON_IMAGE | {"side": "left"}), r"""side is 'left'; expected one of "this" and "other"."""),
+        (decisions(ON_IMAGE | {"points_rc": [[1, float("nan")]]}), r"rc\[0\]\[1\] is not a finite number"),
+        (decisions(ON_IMAGE | {"view_index": 44}), "decision 1: view 44 does not exist"),
+        (decisions(ON_IMAGE | {"points_rc": [[119, 119], [1e300, 0]]}), r"points_rc\[1\]\[0\] is 1e\+300"),
+        (decisions(ON_CLOTH | {"points_m": [[0, 0, 0.7], [1e300, 0, 0]]}), r"points_m\[1\]\[0\] is 1e"),
+        (decisions(ON_CLOTH | {"normals": [[0, 0, -1], [0, 0, -1e200]]}), r"normals\[1\]\[2\] is -1e"),
+        (decisions(ON_CLOTH | {"normals": [[0, 0, 0]] * 2}), "no cloth under it"),
+        (decisions(ON_CLOTH | {"radius_m": 1e-300}), "no cloth under it"),
+        (decisions(ON_CLOTH | {"points_m": [[900.0, 0, 0], [900.0, 0, -900.0]]}), "no cloth under it"),
     ],
-)
+)  # fmt: skip
 def test_strokes_that_are_none_are_told_in_one_line(recording, tmp_path, capsys, content, said):
     file = tmp_path / "strokes.json"
-    file.write_text(content)
+    if content is not None:
+        file.write_text(content)
     assert main(["segment", str(recording), "--out", str(tmp_path / "out"), "--strokes", str(file)]) == 2
     error = capsys.readouterr().err.strip()
     assert re.search(said, error)
     assert "\n" not in error
     assert not (tmp_path / "out").exists()
-
-
-def test_a_missing_strokes_file_is_told(recording, tmp_path, capsys):
-    file = tmp_path / "none.json"
-    assert main(["segment", str(recording), "--out", str(tmp_path / "out"), "--strokes", str(file)]) == 2
-    assert "none.json: missing, or not a file. Restore it" in capsys.readouterr().err
 
 
 def test_masks_are_not_written_over_something_else(recording, tmp_path, capsys):

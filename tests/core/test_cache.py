@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import threading
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,60 +85,29 @@ def test_a_value_that_another_thread_put_first_stays() -> None:
     assert memory.put("key", 2) == 1
 
 
-def test_who_wants_a_value_that_is_being_made_waits_for_it() -> None:
+@pytest.mark.parametrize("error", [None, RecordingError("damaged")])
+def test_who_wants_a_value_that_is_being_made_waits_and_makes_it_if_that_fails(
+    error: RecordingError | None,
+) -> None:
     memory: Cache[int] = Cache(2)
     begun, go_on = threading.Event(), threading.Event()
-    made = []
 
     def slowly() -> int:
         begun.set()
         assert go_on.wait(5)
-        made.append(1)
+        if error is not None:
+            raise error
         return 1
 
-    first = threading.Thread(target=lambda: memory.get("key", slowly))
-    first.start()
-    assert begun.wait(5)
-    assert memory.get("other", lambda: 7) == 7  # nobody waits for another value
-    found: list[int] = []
-    second = threading.Thread(target=lambda: found.append(memory.get("key", lambda: 2)))
-    second.start()
-    go_on.set()
-    first.join(5)
-    second.join(5)
-    assert found == [1]
-    assert made == [1]
-
-
-def test_a_value_that_could_not_be_made_is_made_by_who_waited() -> None:
-    memory: Cache[int] = Cache(2)
-    begun, go_on = threading.Event(), threading.Event()
-
-    def failing() -> int:
-        begun.set()
-        assert go_on.wait(5)
-        raise RecordingError("damaged")
-
-    told: list[Exception] = []
-
-    def ask() -> None:
-        try:
-            memory.get("key", failing)
-        except RecordingError as error:
-            told.append(error)
-
-    first = threading.Thread(target=ask)
-    first.start()
-    assert begun.wait(5)
-    found: list[int] = []
-    second = threading.Thread(target=lambda: found.append(memory.get("key", lambda: 2)))
-    second.start()
-    go_on.set()
-    first.join(5)
-    second.join(5)
-    assert len(told) == 1
-    assert found == [2]
-    assert memory.get("key", lambda: 3) == 2
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(memory.get, "key", slowly)
+        assert begun.wait(5)
+        assert memory.get("other", lambda: 7) == 7  # nobody waits for another value
+        second = pool.submit(memory.get, "key", lambda: 2)
+        go_on.set()
+        assert first.exception(5) is error
+        assert second.result(5) == (1 if error is None else 2)
+    assert memory.get("key", lambda: 3) == second.result()
 
 
 def test_sizes_count_arrays_once_wherever_they_hang() -> None:

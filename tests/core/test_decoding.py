@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 import sys
-from typing import Any
 
 import msgspec
 import pytest
 
-from flatcloth.core.decoding import Finite, MisfitError, Vector3, decoded, described, found_at, parse_json
+from flatcloth.core.decoding import Finite, MisfitError, Vector3, decoded, parse_json
 
 
 class Part(msgspec.Struct, frozen=True):
@@ -33,6 +31,7 @@ def test_a_text_is_read_as_its_type() -> None:
     ("text", "said"),
     [
         ('{"parts": 1}', "parts is a number; expected a list"),
+        ('{"parts": {}}', "parts is an object; expected a list"),
         ("[]", "it is a list of 0; expected an object"),
         ("{}", "parts is missing"),
         ('{"parts": [], "nom": 1}', "nom is no field that is known"),
@@ -66,20 +65,6 @@ def test_what_does_not_fit_is_named(text: str, said: str) -> None:
 def test_what_is_no_json_is_refused_in_one_line(text: str) -> None:
     with pytest.raises(ValueError, match=r"^[^\n]+$"):
         parse_json(text)
-
-
-def test_a_place_is_found_again() -> None:
-    raw: Any = {"views": [{"angle": 1}, {"angle": 2}]}
-    assert found_at(raw, "views[1].angle") == 2
-    assert found_at(raw, "views[1].depth") is None
-    assert found_at(raw, "") is raw
-
-
-def test_values_are_described_in_words() -> None:
-    values: tuple[object, ...] = (None, False, 1.5, math.inf, "x", {}, [1, 2])
-    assert [described(v) for v in values] == [
-        "missing", "true or false", "a number", "not a finite number", "text", "an object", "a list of 2",
-    ]  # fmt: skip
 
 
 _FIRST_USES = """

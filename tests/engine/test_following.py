@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from sheet_runs import STEPS, done, integration
+from sheet_runs import STEPS, done, integration, shared
 from viewer_fakes import cylinder_view
 
 from flatcloth.core.errors import AlignmentError
@@ -37,6 +38,7 @@ from flatcloth.session.machine import (
 )
 
 
+@lru_cache(2)
 def three_accepted(made: Integration) -> SessionState:
     """Views 1, 2 and 3 laid one after the other on view 0."""
     state = done(made, SessionState(len(made.recording)), Start(0))
@@ -60,7 +62,7 @@ def apart_m(one: Rigid2, other: Rigid2) -> float:
 
 @pytest.mark.parametrize("method", method_names())
 def test_accepting_the_same_again_gives_the_very_same_shape(method: str) -> None:
-    made = integration(method)
+    made = shared(method)
     before = three_accepted(made)
     after = done(made, before, Reopen(1), Accept(1))
     assert after.document == before.document
@@ -69,7 +71,7 @@ def test_accepting_the_same_again_gives_the_very_same_shape(method: str) -> None
 
 @pytest.mark.parametrize("method", method_names())
 def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs(method: str) -> None:
-    made = integration(method)
+    made = shared(method)
     before = three_accepted(made)
     after = done(made, before, Reopen(2), Reject(2))
     assert after.phase is Phase.READY
@@ -78,7 +80,7 @@ def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs
 
 
 def test_by_the_paper_a_view_laid_by_hand_is_carried_along_with_the_one_it_lay_on() -> None:
-    made = integration("paper")
+    made = shared("paper")
     start = done(made, SessionState(len(STEPS)), Start(0))
     state = done(made, start, Propose(1), Accept(1), Propose(2), Nudge(2, Rigid2(0, 1e-4, 0)), Accept(2))
     fixed = state.document.accepted[1]
@@ -98,7 +100,7 @@ def test_by_the_paper_a_view_laid_by_hand_is_carried_along_with_the_one_it_lay_o
 
 @pytest.mark.parametrize("method", method_names())
 def test_what_no_longer_fits_is_asked_again_with_the_reason(method: str) -> None:
-    made = integration(method)
+    made = shared(method)
     before = three_accepted(made)
     accepted = list(before.document.accepted)
     # As if the operator had laid view 2 by hand, well, on a shape that lay elsewhere.
@@ -190,9 +192,7 @@ def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by
     assert u_new.max() < u_shape.min() or u_new.min() > u_shape.max()
     assert made.proposal(state.document).placement.hypotheses == ()
     # Dragged to where it belongs and accepted, it is part of the shape.
-    right = done(
-        integration(method), done(integration(method), SessionState(len(STEPS)), Start(0)), Propose(2)
-    )
+    right = done(shared(method), done(shared(method), SessionState(len(STEPS)), Start(0)), Propose(2))
     assert right.document.pending is not None
     by = right.document.pending.current_from_new @ pending.current_from_new.inverse()
     moved = apply(state, Nudge(2, by))
@@ -294,7 +294,7 @@ def sheet(rows: int, cols: int, origin_uv_m: tuple[float, float]) -> FlattenedVi
 
 
 def test_the_growth_takes_shapes_as_they_were_extended() -> None:
-    made = integration("robust")
+    made = shared("robust")
     document = three_accepted(made).document
     for order in range(len(document.accepted)):
         earlier = replace(document, accepted=document.accepted[:order])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import AXIS, Cylinder
-from sheet_runs import SHEET, STEPS, done, errors_m
+from sheet_runs import SHEET, STEPS, done, errors_m, shared
 from sheet_runs import integration as sheet_integration
 
 from flatcloth.core.config import Config, FlatteningConfig, PlanningConfig
@@ -87,7 +87,7 @@ def test_unattended_two_threads_read_the_views_and_each_is_read_once() -> None:
     made.views.keep_frames()
     areas = made.views.observed_areas_m2()
     assert sorted(reads) == list(range(len(STEPS)))
-    np.testing.assert_array_equal(areas, integration().views.observed_areas_m2())
+    np.testing.assert_array_equal(areas, shared("paper").views.observed_areas_m2())
 
 
 def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
@@ -103,7 +103,7 @@ def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
 
 
 def test_undo_is_exact_and_costs_nothing() -> None:
-    made = integration()
+    made = shared("paper")
     state = done(made, started(made, 0), Propose())
     before = made.canonical(state.document)
     pending = state.document.pending
@@ -131,41 +131,31 @@ def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
     assert made.score(document).total == pytest.approx(proposal.alignment.score.total)
 
 
-def test_the_overlay_is_made_once_for_each_placement() -> None:
-    made = integration()
-    state = done(made, started(made, 0), Propose())
-    before = made.overlay(state.document)
-    beyond(before, made.canonical(state.document).view)
-    assert made.overlay(state.document) is before
-    moved = apply(state, Nudge(state.document.pending.view_index, Rigid2(0.0, 0.01, 0.0)))  # type: ignore[union-attr]
-    assert made.overlay(moved.document) is not before
-    # Taken back, it lies where it was.
-    np.testing.assert_array_equal(made.overlay(apply(moved, Undo()).document).valid, before.valid)
-
-
-def test_a_nudge_moves_the_overlay_and_lowers_the_score_of_a_good_proposal() -> None:
-    made = integration()
+def test_a_nudge_moves_the_overlay_which_is_made_once_for_each_place_and_lowers_a_good_score() -> None:
+    made = shared("paper")
     state = done(made, started(made, 0), Propose())
     before, score = made.overlay(state.document), made.score(state.document).total
+    beyond(before, made.canonical(state.document).view)
+    assert made.overlay(state.document) is before
     view = state.document.pending.view_index  # type: ignore[union-attr]
-    state = apply(state, Nudge(view, Rigid2(0.0, 0.02, 0.03)))
-    after = made.overlay(state.document)
-    moved = np.array(after.origin_uv_m) - before.origin_uv_m
+    nudged = apply(state, Nudge(view, Rigid2(0.0, 0.02, 0.03)))
+    moved = np.array(made.overlay(nudged.document).origin_uv_m) - before.origin_uv_m
     np.testing.assert_allclose(moved, [0.02, 0.03], atol=1e-9)
-    assert made.score(state.document).total < score
-    accepted = apply(state, Accept(view))
-    assert accepted.document.accepted[-1].fixed
+    assert made.score(nudged.document).total < score
+    # Taken back, it lies where it was.
+    np.testing.assert_array_equal(made.overlay(apply(nudged, Undo()).document).valid, before.valid)
+    assert apply(nudged, Accept(view)).document.accepted[-1].fixed
 
 
 def test_the_proposal_of_a_resumed_session_is_the_same() -> None:
-    made = integration()
+    made = shared("paper")
     state = done(made, started(made, 0), Propose())
     again = integration().proposal(state.document)
     assert again.alignment.current_from_new == made.proposal(state.document).alignment.current_from_new
 
 
 def test_any_view_can_be_asked_for_by_hand() -> None:
-    made = integration()
+    made = shared("paper")
     state = done(made, started(made, 0), Propose(2))
     pending = state.document.pending
     assert pending is not None
@@ -198,7 +188,7 @@ def test_unsure_refusals_lead_to_another_view_and_an_end() -> None:
 
 
 def test_the_policy_goes_by_the_score() -> None:
-    made = integration()
+    made = shared("paper")
     state = done(made, started(made, 0), Propose())
     assert isinstance(accept_by_score(made, state), Accept)
     proposed = Proposed(99, 3, Rigid2(), Side.LEFT, 0.1)
@@ -273,7 +263,7 @@ def one_accepted(made: Integration) -> SessionState:
 
 
 def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_again() -> None:
-    made = sheet_integration("robust")
+    made = shared("robust")
     state = one_accepted(made)
     whole, cloth = made.canonical(state.document), made.cloth(state.document)
     assert cloth is not None
@@ -301,7 +291,7 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
 
 
 def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
-    made = sheet_integration("robust")
+    made = shared("robust")
     state = one_accepted(made)
     whole, cloth = made.canonical(state.document).view, made.cloth(state.document)
     assert cloth is not None
@@ -328,7 +318,7 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
 
 
 def test_the_paper_knows_no_cloth_to_take_apart() -> None:
-    made = integration()
+    made = shared("paper")
     assert made.cloth(started(made, 0).document) is None
 
 
@@ -358,7 +348,7 @@ def test_a_folded_view_is_neither_begun_with_nor_proposed() -> None:
 
 
 def test_the_cloud_of_a_view_lies_in_the_held_frame() -> None:
-    made = integration()
+    made = shared("paper")
     for view in (0, 3):
         cloud = made.views.cloud(view)
         offset = cloud.xyz_m - made.axis.point_m

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import Cylinder
+from sheet_runs import STEPS, done, shared
 
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import Rigid2
@@ -18,20 +18,14 @@ from flatcloth.methods.answers import AlignmentScore
 from flatcloth.methods.registry import method_names
 from flatcloth.session.machine import Accept, Nudge, Propose, SessionState, Start, apply
 
-STEPS = tuple(float(a) for a in range(0, 360, 20))
 UNIT = st.floats(-1, 1)
 MOTIONS = st.builds(Rigid2, st.floats(-3, 3), UNIT, UNIT)
 POINTS = np.array([[0.0, 0.0], [0.2, 0.0], [0.2, 0.1], [-0.1, 0.3]])
 
 
 def proposed(method: str) -> tuple[Integration, SessionState]:
-    made = Integration(Cylinder(angles_deg=STEPS, span_deg=(-100.0, 100.0)), method=method)
-    state = SessionState(len(STEPS))
-    for command in (Start(0), Propose(2)):
-        state = apply(state, command)
-        assert state.request is not None
-        state = apply(state, made.answer(state.document, state.request))
-    return made, state
+    made = shared(method)
+    return made, done(made, SessionState(len(STEPS)), Start(0), Propose(2))
 
 
 # --- pairs ----------------------------------------------------------------------------------------

@@ -68,13 +68,12 @@ def session(tmp_path_factory):
     return made
 
 
-def test_a_session_of_one_side_stays_one(tmp_path) -> None:
-    alone = cylinder_session(tmp_path)
-    assert alone.both is None
-    assert alone.sides is None
-    assert list(both_sides(alone)) == []
-    assert "Both sides" not in report(alone)
-    assert history_of(page(alone))["other"] is None
+def test_a_session_of_one_side_stays_one(cylinder, text) -> None:
+    assert cylinder.both is None
+    assert cylinder.sides is None
+    assert list(both_sides(cylinder)) == []
+    assert "Both sides" not in text
+    assert history_of(page(cylinder))["other"] is None
 
 
 def history_of(text: str) -> dict:
@@ -109,9 +108,8 @@ def test_figure_and_report_show_the_seams(session) -> None:
     assert "<td>joins</td>" in text
 
 
-def test_the_animation_ends_with_both_sides(session, tmp_path) -> None:
-    alone = cylinder_session(tmp_path)
-    assert len(list(frames(session))) == len(list(frames(alone))) + 1
+def test_the_animation_ends_with_both_sides(session, cylinder) -> None:
+    assert len(list(frames(session))) == len(list(frames(cylinder))) + 1
 
 
 def test_svg_and_dxf_have_both_sides_beside_one_another_and_none_mirrored(session) -> None:

@@ -37,8 +37,13 @@ def hand_eye(tmp_path: Path) -> Path:
 
 
 def test_everything_is_written_and_the_session_stays_as_it_was(
-    session: Path, tmp_path: Path, hand_eye: Path, capsys: pytest.CaptureFixture[str]
+    written: Path,
+    tmp_path: Path,
+    hand_eye: Path,
+    figures: dict[str, bytes],
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    session = Path(shutil.copytree(written, tmp_path / "session"))
     before = {p.name: p.read_bytes() for p in session.iterdir()}
     out = tmp_path / "out"
     options = {
@@ -62,6 +67,8 @@ def test_everything_is_written_and_the_session_stays_as_it_was(
         "grasps.json",
     }
     assert {p.name: p.read_bytes() for p in session.iterdir()} == before
+    # As drawn once more, of the same session.
+    assert {p.name: p.read_bytes() for p in (out / "figures").iterdir()} == figures
     grasps = json.loads((out / "grasps.json").read_text())
     assert grasps["rotation_deg"] == -40.0
     pose = grasps["grasps"][0]["poses"]

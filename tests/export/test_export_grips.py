@@ -18,8 +18,11 @@ SIDEWAYS = Grip(axis_held=(0.6, 0.8, 0.0), opening_m=0.05)
 def test_a_grip_comes_back_with_the_session(tmp_path: Path) -> None:
     book = GripStore(tmp_path)
     assert book.get(3) == Grip()
-    book.set(3, SIDEWAYS)
     book.set(10, Grip(opening_m=0.02))
+    book.set(3, SIDEWAYS)
+    content = json.loads((tmp_path / "grips.json").read_text())
+    assert content["format"] == "flatcloth-grips/1"
+    assert list(content["grips"]) == ["3", "10"]
     again = GripStore(tmp_path)
     assert dict(again.grips) == {3: SIDEWAYS, 10: Grip(opening_m=0.02)}
     again.forget(3)
@@ -76,12 +79,3 @@ def test_a_damaged_file_is_one_clear_line(tmp_path: Path, text: str) -> None:
     with pytest.raises(FlatclothError, match=r"grips\.json: damaged .*Delete it") as caught:
         GripStore(tmp_path)
     assert "\n" not in str(caught.value)
-
-
-def test_the_file_is_plain_and_in_order(tmp_path: Path) -> None:
-    book = GripStore(tmp_path)
-    book.set(10, Grip())
-    book.set(3, SIDEWAYS)
-    content = json.loads((tmp_path / "grips.json").read_text())
-    assert content["format"] == "flatcloth-grips/1"
-    assert list(content["grips"]) == ["3", "10"]

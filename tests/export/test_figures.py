@@ -6,6 +6,7 @@ import base64
 import io
 import math
 import re
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -20,8 +21,9 @@ from PIL import Image
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.export.by_name import made
 from flatcloth.export.curves import plan_of, side_of
-from flatcloth.export.figures import all_figures, figure_files, garment, maps, of_decision
+from flatcloth.export.figures import all_figures, garment, maps, of_decision
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import Plan
@@ -134,35 +136,45 @@ def test_a_picture_loses_its_empty_rim() -> None:
 # --- the figures of a session ---------------------------------------------------------------------
 
 
-def test_every_figure_has_two_files_which_are_the_same_each_time(session: OpenedSession) -> None:
-    files = dict(figure_files(session))
-    names = {Path(file).stem for file in files}
+def test_every_figure_has_two_files(figures: dict[str, bytes]) -> None:
+    names = {Path(file).stem for file in figures}
     assert {
         f"map-{n}" for n in ("color", "height", "z-angle", "source", "stretch", "incidence", "density")
     } < names
     assert {"curves-view-0", "curves-view-1", "curves-view-2"} < names
     assert {"growth", "energy", "decision-01-view-1-overlay", "decision-03-view-2-plan"} < names
     assert "decision-02-view-1-plan" not in names  # the operator chose that view: no plan is behind it
-    assert set(files) == {name + suffix for name in names for suffix in (".png", ".svg")}
-    assert dict(figure_files(session)) == files
-    for file, content in files.items():
+    assert set(figures) == {name + suffix for name in names for suffix in (".png", ".svg")}
+    for file, content in figures.items():
         if file.endswith(".svg"):
-            assert ElementTree.fromstring(content).findtext(f"{SVG}title")
+            drawn = ElementTree.fromstring(content)
+            assert drawn.findtext(f"{SVG}title")
+            assert not {element.tag for element in drawn.iter()} & {SVG + "script", SVG + "foreignObject"}
         else:
             with Image.open(io.BytesIO(content)) as image:
                 assert image.width > 300
 
 
+def test_all_figures_come_in_one_archive_that_no_name_leads_out_of(
+    session: OpenedSession, figures: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("flatcloth.export.figures.figure_files", lambda _: figures.items())
+    with zipfile.ZipFile(io.BytesIO(made(session, "figures.zip"))) as archive:
+        assert {name: archive.read(name) for name in archive.namelist()} == figures
+    # The recording's name is a script.
+    assert all(re.fullmatch(r"[a-z0-9-]+\.(png|svg)", name) for name in figures)
+
+
 def test_figures_tell_what_happened(session: OpenedSession) -> None:
-    made = {figure.name: figure for figure in all_figures(session)}
-    refused = made["decision-01-view-1-overlay"].caption
+    drawn = {figure.name: figure for figure in all_figures(session)}
+    refused = drawn["decision-01-view-1-overlay"].caption
     assert "rejected, bad depth, score 0." in refused
     assert "taken back" in refused
-    text = "".join(ElementTree.fromstring(made["growth"].svg()).itertext())
+    text = "".join(ElementTree.fromstring(drawn["growth"].svg()).itertext())
     for step in session.growth.steps:
         assert f"{step.angle_deg:g}\u00b0" in text
-    assert f"{1e4 * session.growth.view.area_m2:.0f} cm\u00b2" in made["map-color"].caption
-    assert re.search(r"A_0 = .?\d+\u00b0", made["decision-03-view-2-plan"].svg())
+    assert f"{1e4 * session.growth.view.area_m2:.0f} cm\u00b2" in drawn["map-color"].caption
+    assert re.search(r"A_0 = .?\d+\u00b0", drawn["decision-03-view-2-plan"].svg())
 
 
 def test_the_garment_is_drawn_with_its_outline_and_told_in_report_and_page(session: OpenedSession) -> None:

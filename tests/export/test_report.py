@@ -17,17 +17,13 @@ from scenes import AXIS
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.export.animation import frames, mp4_of
+from flatcloth.export.by_name import made
 from flatcloth.export.files import write_text
 from flatcloth.export.report import differences, report
 from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.points import Camera, camera_around, paint_points
 from flatcloth.session.header import Header
 from flatcloth.session.machine import Document
-
-
-@pytest.fixture(scope="module")
-def text(session: OpenedSession) -> str:
-    return report(session)
 
 
 def words(text: str) -> str:
@@ -59,15 +55,6 @@ def test_the_report_tells_recording_decisions_and_picks(session: OpenedSession, 
     assert text.count('<img class="picture"') == 3
 
 
-def test_a_report_of_a_wrong_recording_says_so(
-    session: OpenedSession, text: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert "Something about this recording" not in text
-    monkeypatch.setattr(session.integration, "wrong", lambda _: ["View 3 contradicts the others"])
-    said = "Something about this recording is wrong: View 3 contradicts the others. Nothing of the result"
-    assert said in report(session)
-
-
 def test_texts_stay_texts_and_nothing_is_loaded(text: str) -> None:
     assert NAME in words(text)
     assert not re.search(r"<b>|<i>|</script", text.replace('<b class="', ""))
@@ -80,19 +67,27 @@ def test_texts_stay_texts_and_nothing_is_loaded(text: str) -> None:
 def test_it_is_laid_out_for_paper_and_the_same_each_time(session: OpenedSession, text: str) -> None:
     assert "@page { size: A4" in text
     assert "break-inside: avoid" in text
-    assert report(OpenedSession(session.history, session.integration)) == text
+    again = OpenedSession(session.history, session.integration)
+    assert made(again, "report.html").decode() == text
 
 
 def with_config(session: OpenedSession, config: Config) -> Header:
     return msgspec.structs.replace(session.history.header, config=config.to_dict())
 
 
-def test_settings_that_differ_are_listed_with_their_defaults(session: OpenedSession) -> None:
+def test_settings_that_differ_are_listed_and_a_wrong_recording_is_told(
+    session: OpenedSession, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert differences(Config()) == []
     changed = Config(planning=PlanningConfig(overlap_area_m2=0.05))
     assert differences(changed) == [("planning.overlap_area_m2", 0.05, 0.0)]
+    assert "Something about this recording" not in text
+    monkeypatch.setattr(session.integration, "wrong", lambda _: ["View 3 contradicts the others"])
     history = replace(session.history, header=with_config(session, changed))
-    assert "planning.overlap_area_m2 0.05 0.0" in words(report(OpenedSession(history, session.integration)))
+    seen = words(report(OpenedSession(history, session.integration)))
+    assert "planning.overlap_area_m2 0.05 0.0" in seen
+    said = "Something about this recording is wrong: View 3 contradicts the others. Nothing of the result"
+    assert said in seen
 
 
 def test_a_session_of_one_view_has_a_report_too(session: OpenedSession) -> None:
@@ -161,7 +156,7 @@ def test_an_mp4_has_every_frame(
 ) -> None:
     session = OpenedSession(replace(session.history, document=Document(start_view=0)), session.integration)
     path = tmp_path / "growth.mp4"
-    path.write_bytes(mp4_of(session))
+    path.write_bytes(made(session, "growth.mp4"))
     video = cv2.VideoCapture(str(path))
     count = 0
     while video.read()[0]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-from exported_sessions import cylinder_session
 
 from flatcloth.core.types import Rigid2
 from flatcloth.export.report import report
 from flatcloth.export.review import BELOW, BY_HAND, LOW, OVERRIDDEN, Flags, overridden
+from flatcloth.export.session import OpenedSession
 from flatcloth.session.machine import Accepted
 
 
@@ -33,8 +32,9 @@ def test_a_view_is_flagged_by_its_score_and_its_hand(
     assert Flags(0.5).of(Accepted(3, Rigid2(), fixed=fixed, score=score)) == flags
 
 
-def test_an_accepted_place_below_the_limit_stays_flagged_and_the_report_says_so(tmp_path: Path) -> None:
-    session = cylinder_session(tmp_path)
+def test_an_accepted_place_below_the_limit_stays_flagged_and_the_report_says_so(
+    session: OpenedSession, text: str
+) -> None:
     decisions = session.history.decisions
     standing = next(d for d in decisions if d.stands and d.verdict == "accepted")
     bad = tuple(replace(d, score=0.01) if d is standing else d for d in decisions)
@@ -47,4 +47,4 @@ def test_an_accepted_place_below_the_limit_stays_flagged_and_the_report_says_so(
     told = report(replace(session, history=history))
     assert f"\u2691 View {standing.view_index}" in told
     assert "accepted against the check of the score" in told
-    assert "\u2691" not in report(session)
+    assert "\u2691" not in text

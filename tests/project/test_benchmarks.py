@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 import re
 
 from benchmarks import output
@@ -26,9 +25,3 @@ def test_what_pages_and_sources_name_can_be_run() -> None:
     text = "".join(path.read_text() for path in paths if path.name != "CHANGELOG.md")
     named = set(re.findall(r"python -m\s+benchmarks\s+([a-z_]+)", text))
     assert (named | set(BUNDLED)) - set(NAMES) == set()
-
-
-def test_the_results_that_are_kept_say_where_they_come_from() -> None:
-    for file in output.RESULTS.glob("*.json"):
-        origin = json.loads(file.read_text())["provenance"]
-        assert all(origin[key] for key in ("commit", "date", "machine")), file

@@ -85,16 +85,10 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
     refused(folder, "folds the image")
     (folder / "calibration.txt").unlink()
     assert "intrinsic.json" in refused(folder, "camera is not described")
-
-
-def test_lists_that_share_no_time_are_told(tmp_path: Path) -> None:
-    folder = write_tum(tmp_path / "tum", associations=False)
-    text = (folder / "depth.txt").read_text().replace("\n13050311", "\n14050311")
-    (folder / "depth.txt").write_text(text)
+    folder = write_tum(tmp_path / "lists", associations=False)
+    lines = (folder / "depth.txt").read_text()
+    (folder / "depth.txt").write_text(lines.replace("\n13050311", "\n14050311"))
     refused(folder, "within 0.02 s")
-
-
-def test_depth_of_another_size_than_color_is_refused(tmp_path: Path) -> None:
-    folder = write_tum(tmp_path / "tum")
+    (folder / "depth.txt").write_text(lines)
     write(next(folder.glob("depth/*.png")), np.ones((HEIGHT, WIDTH + 1), dtype=np.uint16))
     refused(folder, "17x12 px, but the intrinsics are for 16x12")

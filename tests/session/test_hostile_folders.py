@@ -157,16 +157,6 @@ def test_a_draft_that_is_a_link_is_not_written_through(place: Path, tmp_path: Pa
     assert mine.read_text() == "precious\n"
 
 
-def test_a_file_that_is_a_link_is_replaced_and_not_followed(tmp_path: Path) -> None:
-    mine = tmp_path / "mine.txt"
-    mine.write_text("precious\n")
-    (tmp_path / "flattened.png").symlink_to(mine)
-    replace_file(tmp_path / "flattened.png", b"picture")
-    assert mine.read_text() == "precious\n"
-    assert (tmp_path / "flattened.png").read_bytes() == b"picture"
-    assert not (tmp_path / "flattened.png").is_symlink()
-
-
 def test_a_pipe_or_device_in_place_of_a_file_does_not_block(place: Path) -> None:
     place.mkdir()
     os.mkfifo(place / "session.lock")

@@ -117,19 +117,19 @@ def test_a_server_that_is_killed_between_two_views_goes_on_with_the_next_angle(
     tmp_path: Path, sheet: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port, out = free_port(), tmp_path / "out"
-    processes = [started(out, sheet, port, "--budget", "4")]
+    processes = [started(out, sheet, port, "--budget", "3")]
     robot, angles = client(monkeypatch), []
 
     def turn_to(angle_deg: float) -> None:
         angles.append(angle_deg)
-        if len(angles) == 3:  # two views are taken, the third is not announced yet
+        if len(angles) == 2:  # one view is taken, the second is not announced yet
             processes[0].send_signal(signal.SIGKILL)
             processes[0].wait()
-            processes.append(started(out, sheet, port, "--budget", "4"))
+            processes.append(started(out, sheet, port, "--budget", "3"))
 
     robot.turn_to = turn_to
     end = robot.run(f"http://127.0.0.1:{port}")
-    assert end["views"] == 4
+    assert end["views"] == 3
     assert list(open_recording(out / "recording").angles_deg) == angles
     assert processes[1].wait(timeout=60) == 1
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 import shutil
 import threading
 import time
@@ -12,7 +11,6 @@ import zipfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from xml.etree import ElementTree
 
 import httpx
 import numpy as np
@@ -124,24 +122,6 @@ def test_the_page_is_that_of_the_command_line(unchanged: PageServer, written: Pa
     # Saved, never shown in the page's own place.
     assert answer.headers["content-disposition"].startswith('attachment; filename="cylinder')
     assert "<" not in answer.headers["content-disposition"]
-
-
-@pytest.mark.parametrize(("name", "begins"), [("report.html", b"<!doctype html>"), ("growth.mp4", b"ftyp")])
-def test_other_exports_are_made_when_asked_for(unchanged: PageServer, name: str, begins: bytes) -> None:
-    assert begins in get(unchanged, f"/export/{name}", timeout=120).content[:20]
-
-
-def test_all_figures_come_in_one_archive(unchanged: PageServer) -> None:
-    with zipfile.ZipFile(io.BytesIO(get(unchanged, "/export/figures.zip", timeout=120).content)) as archive:
-        assert archive.testzip() is None
-        names = archive.namelist()
-        assert {"map-color.png", "map-color.svg", "growth.svg"} <= set(names)
-        assert len(set(names)) == len(names)
-        # The recording's name is a script; no name leads out of the folder that it is unpacked into.
-        assert all(re.fullmatch(r"[a-z0-9-]+\.(png|svg)", name) for name in names)
-        for drawn in (archive.read(name) for name in names if name.endswith(".svg")):
-            tags = {element.tag.rpartition("}")[2] for element in ElementTree.fromstring(drawn).iter()}
-            assert not tags & {"script", "foreignObject", "b"}
 
 
 def test_the_data_are_those_of_the_command_line_with_the_scores_of_decisions_by_hand(

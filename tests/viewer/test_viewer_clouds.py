@@ -65,13 +65,6 @@ def test_each_point_has_the_color_of_its_view(picture: Picture) -> None:
     assert (found[PROPOSAL].colors == view_colors(N)[1]).all()
 
 
-@pytest.mark.parametrize("color", ["z_angle", "height", "stretch", "incidence", "density", "place"])
-def test_every_layer_colors_the_cloud(picture: Picture, color: str) -> None:
-    found = clouds_of(picture, AXIS, N, color)
-    assert found[HELD].colors.shape == found[HELD].points_m.shape
-    assert found[HELD].colors.dtype == np.uint8
-
-
 def test_a_chosen_layer_has_the_colours_of_the_page_in_space_too(picture: Picture) -> None:
     gray = Appearance("gray", 0.2, 0.8)
     found = clouds_of(picture, AXIS, N, "height", gray)[HELD].colors

@@ -216,9 +216,15 @@ def test_the_token_is_asked_for(host):
             "/viser/",
             "/layers/1/color.png",
             "/robot/grasps",
+            "/capture",
+            "/start/places.json",
+            "/start/open",
             "/?token=%C3%A9",
         ):
             assert status(ask(server, request(server, path, token=False))) == 403
+            for wrong in ("Bearer", "Bearer wrong", "Basic eDp4"):
+                asked = request(server, path, token=False, Authorization=wrong)
+                assert status(ask(server, asked)) == 403
         for path in ("/ws", "/viser"):
             with pytest.raises(InvalidStatus):
                 open_socket(server, path, additional_headers={})

@@ -28,7 +28,6 @@ from flatcloth.session.machine import (
     Skip,
     Start,
     Started,
-    Undo,
     apply,
 )
 from flatcloth.viewer.protocol.actions import ACTIONS
@@ -44,10 +43,6 @@ RESERVED = {
     *(f"F{n}" for n in (1, 3, 5, 6, 11, 12)),
     *(f"Ctrl+{key}" for key in "twnrlf"),
 }
-
-
-def luma(rgb):
-    return rgb.astype(float) @ [0.2126, 0.7152, 0.0722]
 
 
 @pytest.mark.parametrize("mode", ["session", "capture", "teaching"])
@@ -106,12 +101,6 @@ def test_the_table_says_why_an_action_is_not_allowed_now(steps, name, said):
     assert why_not is None if said is None else said in why_not
 
 
-def test_undo_and_redo_name_the_decision_that_they_are_about():
-    states = state_after(*TWO), state_after(*TWO, Undo(), Undo())
-    tables = [{a.name: a.description for a in action_table(state)} for state in states]
-    assert [tables[0]["undo"], tables[1]["redo"]] == ["Undo: accept view 2.", "Redo: accept view 1."]
-
-
 @pytest.mark.parametrize(
     ("steps", "name", "given", "command"),
     [
@@ -131,20 +120,6 @@ def test_undo_and_redo_name_the_decision_that_they_are_about():
 )
 def test_an_action_is_the_command_that_it_means_now(steps, name, given, command):
     assert command_of(name, state_after(*steps), given) == command
-
-
-@pytest.mark.parametrize(("name", "sign"), [("sequential", 1), ("loss", -1)])
-def test_a_map_grows_lighter_or_darker_all_the_way(name, sign):
-    light = sign * luma(MAPS[name].table())
-    assert np.all(np.diff(light) > -1.0)
-    assert light[-1] - light[0] > 150
-
-
-def test_the_diverging_map_is_lightest_in_the_middle_and_its_ends_differ_in_hue():
-    table = MAPS["diverging"].table()
-    assert 120 < np.argmax(luma(table)) < 136
-    assert table[0, 2] > table[0, 0] + 60
-    assert table[-1, 0] > table[-1, 2] + 60
 
 
 def test_views_used_together_and_neighbours_have_colours_of_their_own():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -23,10 +22,11 @@ from flatcloth.viewer.server.workspace import Opened
 ANGLES_DEG = (0.0, 30.0, 60.0, 120.0, 180.0, 330.0)
 
 
-@pytest.fixture
-def server(tmp_path: Path) -> Iterator[PageServer]:
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PageServer]:
     integration = Integration(Cylinder(angles_deg=ANGLES_DEG), method="paper")
-    folder = SessionFolder.open(tmp_path / "s", integration.recording, integration.config, "paper")
+    place = tmp_path_factory.mktemp("sources") / "s"
+    folder = SessionFolder.open(place, integration.recording, integration.config, "paper")
     with PageServer(Opened(integration, folder), port=0) as running:
         yield running
     folder.close()
@@ -87,10 +87,11 @@ def test_what_became_of_a_views_pixels_is_shown_and_told(server: PageServer) -> 
         assert get(server, f"/source/{address}").status_code == 410
 
 
-def test_a_view_that_does_not_exist_is_said(server: PageServer) -> None:
+def test_a_view_or_a_pick_that_does_not_exist_is_said(server: PageServer) -> None:
     answer = get(server, "/source/6/color.jpg")
     assert (answer.status_code, answer.text) == (404, "View 6 does not exist.")
     assert get(server, "/source/-1/color.jpg").status_code == 404
+    assert get(server, "/source/seen/9.json").status_code == 404
 
 
 def test_a_pick_is_shown_in_the_views_that_saw_it(server: PageServer) -> None:
@@ -111,10 +112,6 @@ def test_a_pick_is_shown_in_the_views_that_saw_it(server: PageServer) -> None:
     assert found["hidden"]["faces away"] >= 1
     thumb = base64.b64decode(by_view[start]["thumb"].partition(",")[2])
     assert cv2.imdecode(np.frombuffer(thumb, np.uint8), cv2.IMREAD_COLOR).shape == (72, 72, 3)
-
-
-def test_a_pick_that_is_gone_is_said(server: PageServer) -> None:
-    assert get(server, "/source/seen/9.json").status_code == 404
 
 
 def test_hovering_tells_the_pixel_in_the_view_that_is_shown(server: PageServer) -> None:
