@@ -35,7 +35,7 @@ _LEAST_LIKE, _LEAST_CODE = 0.8, 0.65
 ``python -m benchmarks validation``: no id is wrong; by the code alone, 1 neighbour in 1,000 is misplaced."""
 _SAMPLES = 2, 10
 """Least and most samples along a module; between, one a pixel. Chosen: more cost time only."""
-_BLUR_PX, _LEAST_BLUR = 0.55, 0.1
+_BLUR_PX, _LEAST_BLUR = 0.4, 0.1
 """Blur of the print by camera and cloth in pixels, and the least in modules. Measured there: best."""
 _STIFFNESS = (*[1.0] * 5, *[0.01] * 9)
 """Weight against bending at each step. Measured there: the first find a marker, the others follow it."""
@@ -95,8 +95,8 @@ def _fitted(image: NDArray[np.float32], black: Bool, guess_px: Float64) -> Float
     """
     module_px = float(np.linalg.norm(guess_px[2] - guess_px[0])) / math.sqrt(2) / len(black)
     samples = int(np.clip(round(module_px), *_SAMPLES))
-    along = np.ones(samples * (len(black) + 1))  # with half the quiet zone
-    at = (np.argwhere(np.outer(along, along))[:, ::-1] + 0.5) / samples - 0.5
+    along = np.ones(samples * (len(black) + 2))  # with the quiet zone
+    at = (np.argwhere(np.outer(along, along))[:, ::-1] + 0.5) / samples - 1
     places = at * (2 / len(black)) - 1
     enlarged = np.kron(np.pad(~black, 1, constant_values=True), np.ones((8, 8))).astype(np.float32)
     blurred = cv2.GaussianBlur(enlarged, (0, 0), 8 * max(_BLUR_PX / module_px, _LEAST_BLUR))
