@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from benchmarks.inputs import Remembered
-from benchmarks.output import Options, save, say
+from benchmarks.inputs import Remembered, measure_each
+from benchmarks.output import Options, Row
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.results.sides_truth import OtherTruth
 from flatcloth.recordings import open_recording
@@ -29,29 +29,28 @@ MOST_FACING_DEG = 55.0
 NEAR_M, WRONG_PX = 0.0025, 6.0
 """A place is seen if a pixel's place on the cloth is as near; a marker further off than this is a wrong id.
 Chosen: a pixel seen at 55 degrees, and a quarter of a cell of 30 mm at 0.85 m."""
+FAULTS = (
+    *(("none", 0.0), ("depth", -2.0), ("depth", 1.5), ("depth", -1.0), ("focal length", 3.0)),
+    *(("focal length", -2.0), ("axis", 5.0), ("axis", 3.0), ("angles", 1.0), ("angles", 0.7)),
+)
+"""Faults that are made, by their names in ``adjusted``, and their sizes in its units."""
 GRID = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 5)] * 2), axis=-1).reshape(-1, 2)
 
 
 def run(options: Options) -> None:
-    rows, off_px, errors = [], [], []
-    for name in options.recordings:
-        recording, truth = Remembered(open_recording(name)), Truth(name)
-        kit = read_kit(Path(name) / "kit.json")
-        found = validate(recording, kit, sides="both" if len({*kit.sheet.values()}) > 1 else "one")
-        row, off = markers_of(found, truth, kit)
-        rows.append({"recording": recording.name} | row)
-        off_px.append(off)
-        errors.append({"recording": recording.name} | compared(found, recording, truth))
-        say(f"{rows[-1]} {errors[-1]}")
-    total = {key: sum(row[key] for row in rows) for key in ("facing", "read_of_facing", "found", "wrong")}
-    total |= {"recording": "all", **spread(np.concatenate(off_px))}
-    say(str(total))
-    if not options.quick:
-        save("validation", {"markers": [*rows, total], "compared": errors}, options.recordings)
+    measure_each("validation", measured, options)
 
 
-def markers_of(found: Validation, truth: Truth, kit: Kit) -> tuple[dict[str, Any], np.ndarray]:
-    """Return the figures of a recording, and by how many pixels the corners that face the camera are off."""
+def measured(name: str) -> list[Row]:
+    recording, truth = Remembered(open_recording(name)), Truth(name)
+    kit = read_kit(Path(name) / "kit.json")
+    found = validate(recording, kit, sides="both" if len({*kit.sheet.values()}) > 1 else "one")
+    row = {"recording": recording.name} | markers_of(found, truth, kit)
+    return [row | compared(found, recording, truth)]
+
+
+def markers_of(found: Validation, truth: Truth, kit: Kit) -> Row:
+    """Return how many markers are read, and by how many pixels corners that face the camera are off."""
     row = dict.fromkeys(("facing", "read_of_facing", "found", "wrong"), 0)
     off_px = [np.zeros((0, 4))]
     for n in range(len(truth)):
@@ -67,12 +66,13 @@ def markers_of(found: Validation, truth: Truth, kit: Kit) -> tuple[dict[str, Any
         row["found"] += len(off)
         row["wrong"] += len(off) - len(right)
         off_px += [off[i][None] for i in facing & right]
-    return row | spread(np.concatenate(off_px)), np.concatenate(off_px)
+    every_px = np.concatenate(off_px)
+    return row | {"median_px": float(np.median(every_px)), "rms_px": float(np.sqrt(np.mean(every_px**2)))}
 
 
-def compared(found: Validation, recording: Any, truth: Truth) -> dict[str, Any]:
+def compared(found: Validation, recording: Any, truth: Truth) -> Row:
     """Return the errors by the kit and by the truth, those of the cell, and the size found of faults."""
-    row: dict[str, Any] = {"compared_share": found.document["shape"]["compared_share"]}
+    row: Row = {"shown": found.document["shape"]["shown"]}
     unmasked = altered(recording, read=lambda n: images_of(recording[n])._replace(mask=None))
     for by_kit in found.document["pieces"]:
         side, _, piece = by_kit["piece"].partition(",")
@@ -82,22 +82,20 @@ def compared(found: Validation, recording: Any, truth: Truth) -> dict[str, Any]:
             for key in ("median_mm", "p95_mm"):
                 row[f"{side} {key}"] = [by_kit[key], getattr(true, f"absolute_{key}")]
     axis, angles = recording.rotation_axis, np.array(recording.angles_deg)
-    for fault, scale, its_axis, its_angles in (
-        ("none", 1.0, axis, angles),
-        ("depth 2 % short", 0.98, axis, angles),
-        ("focal length 3 % large", (1 / 1.03, 1 / 1.03, 1.0), axis, angles),
-        ("axis 5 mm off", 1.0, replace(axis, point_m=axis.point_m + np.array([0.003, 0, 0.004])), angles),
-        ("angles 1 degree off", 1.0, axis, angles + (-1.0) ** np.arange(len(angles))),
-    ):
-        seen = replace(found.seen, corners_m=found.seen.corners_m * scale)
-        errors, _ = adjusted(seen, found.truth.kit, its_axis, recording.held_point_m, its_angles.tolist())
-        row[fault] = {e["name"]: [round(e["size"], 2), round(e["std"], 2), e["is_fault"]] for e in errors}
+    for fault, size in FAULTS:
+        factor = 1 + size / 100
+        scales = {"depth": factor, "focal length": np.array([1 / factor, 1 / factor, 1.0])}
+        seen = replace(found.seen, corners_m=found.seen.corners_m * scales.get(fault, 1.0))
+        aside_m = (fault == "axis") * size * np.array([0.0006, 0.0, 0.0008])
+        off_deg = (fault == "angles") * size * (-1.0) ** np.arange(len(angles))
+        its_axis = replace(axis, point_m=axis.point_m + aside_m)
+        errors, _ = adjusted(
+            seen, found.truth.kit, its_axis, recording.held_point_m, (angles + off_deg).tolist()
+        )
+        row[f"{fault} {size:g}"] = {
+            e["name"]: [round(e["size"], 2), round(e["std"], 2), e["is_fault"]] for e in errors
+        }
     return row
-
-
-def spread(off_px: np.ndarray) -> dict[str, float]:
-    median, p95 = np.percentile(off_px, (50, 95)).tolist()
-    return {"median_px": median, "p95_px": p95, "rms_px": float(np.sqrt(np.mean(off_px**2)))}
 
 
 def true_places(view: TrueView, kit: Kit) -> dict[int, tuple[np.ndarray, float, bool]]:

@@ -41,11 +41,11 @@ _SURE, _SHARED_STD = 3.0, 0.003
 """Errors within so many deviations are none; the deviation of focal length and depth that sightings share, as
 folds are smoothed: right cells are off by .2 to .5 %. Measured there."""
 _FAULTS = (
-    ("depth", "%", 1.0, "Depth is off by {:+.1f} %: --depth-factor {:.3f} mends it."),
-    ("focal length", "%", 1.0, "The focal length is off by {:+.1f} %: --focal-factor {:.4f} mends it."),
-    ("axis", "mm", 2.0, "The turning axis is {:.1f} mm off: --estimate-axis mends it."),
-    ("angles", "deg", 0.3, "The angles of views are {:.1f} degrees off, root mean square."),
-    ("sway", "mm", 2.0, "The lowest marker sways by {:.1f} mm from view to view, root mean square."),
+    ("depth", "%", 1.0, "Depth is off by {:+.1f} ± {:.1f} %: --depth-factor {:.3f} mends it."),
+    ("focal length", "%", 1.0, "Focal length is off by {:+.1f} ± {:.1f} %: --focal-factor {:.4f} mends it."),
+    ("axis", "mm", 2.0, "The turning axis is {:.1f} ± {:.1f} mm off: --estimate-axis mends it."),
+    ("angles", "deg", 0.3, "The angles of views are {:.1f} ± {:.1f} degrees off, root mean square."),
+    ("sway", "mm", 2.0, "The lowest marker sways by {:.1f} ± {:.1f} mm from view to view, root mean square."),
 )
 """Name, unit, the size from which on it matters, the sentence. Chosen: each moves cloth by about 2 mm."""
 
@@ -165,8 +165,8 @@ def _errors(found: Float64, std: Float64, distance_m: float, below_m: float) -> 
     return [
         {
             **{"name": name, "unit": unit, "size": float(size), "std": float(its_std)},
-            "is_fault": bool(abs(size) > max(_SURE * its_std, matters)),
-            "text": text.format(size, mend),
+            **{"named_from": (least := max(_SURE * its_std, matters)), "is_fault": bool(abs(size) > least)},
+            "text": text.format(size, its_std, mend),
         }
         for (name, unit, matters, text), (size, its_std, mend) in zip(_FAULTS, sizes, strict=True)
     ]

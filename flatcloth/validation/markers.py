@@ -95,8 +95,8 @@ def _fitted(image: NDArray[np.float32], black: Bool, guess_px: Float64) -> Float
     """
     module_px = float(np.linalg.norm(guess_px[2] - guess_px[0])) / math.sqrt(2) / len(black)
     samples = int(np.clip(round(module_px), *_SAMPLES))
-    along = np.ones(samples * (len(black) + 1))  # with half the quiet zone
-    at = (np.argwhere(np.outer(along, along))[:, ::-1] + 0.5) / samples - 0.5
+    along = np.ones(samples * (len(black) + 2))  # with the quiet zone
+    at = (np.argwhere(np.outer(along, along))[:, ::-1] + 0.5) / samples - 1
     places = at * (2 / len(black)) - 1
     enlarged = np.kron(np.pad(~black, 1, constant_values=True), np.ones((8, 8))).astype(np.float32)
     blurred = cv2.GaussianBlur(enlarged, (0, 0), 8 * max(_BLUR_PX / module_px, _LEAST_BLUR))

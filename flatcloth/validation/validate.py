@@ -93,6 +93,7 @@ def validate(
         views |= {f"{side}, piece {n}": view for n, view in enumerate(its_pieces, start=1)}
     truth = KitTruth(kit, seen.of_view)
     compared = {name: truth.compared(view) for name, view in views.items()}
+    shares = {name: float(compared[name][0].sum() / view.valid.sum()) for name, view in views.items()}
     views = {name: view for name, view in views.items() if compared[name][0].sum() >= _LEAST_PIXELS}
     if not views:
         raise KitError(f"{recording.location}: no marker lies in the shape; flatcloth run says what does.")
@@ -119,7 +120,7 @@ def validate(
         "shape": {
             **figures,
             "within_3_std_share": float(own.mean()) if len(own) else None,
-            "compared_share": len(error_mm) / sum(int(view.valid.sum()) for view in views.values()),
+            "shown": {name: share for name, share in shares.items() if "," not in name},
         },
         "pieces": pieces,
         "views": [
@@ -150,17 +151,16 @@ def _lines(document: dict[str, Any]) -> list[str]:
     shape, markers, errors = document["shape"], document["markers"], document["errors"]
     asked = "as asked" if document["is_within"] else f"not the {document['within_mm']:g} mm that are asked"
     own = shape["within_3_std_share"]
-    faults = [error["text"] for error in errors if error["is_fault"]]
+    shown = ", ".join(f"{name} to {share:.0%}" for name, share in shape["shown"].items())
+    rest = [f"{e['named_from']:.1f} {e['unit']} ({e['name']})" for e in errors if not e["is_fault"]]
+    other = f"No other error of the cell is seen; one of {', '.join(rest)} or more would be named."
     return [
         f"{document['recording']}: {markers['seen']} of {markers['of_kit']} markers, kit {document['kit']}.",
         f"In this cell 95 % of the cloth is within {shape['p95_mm']:.1f} mm of its place, half of it within "
-        f"{shape['median_mm']:.1f} mm: {asked}. Markers show {shape['compared_share']:.0%} of the shape; "
-        "the rest is often worse.",
+        f"{shape['median_mm']:.1f} mm: {asked}. Markers show {shown}; the rest is often worse.",
         *([] if own is None else [f"{own:.1%} of the cloth is within three of its own deviations."]),
-        *(
-            faults
-            or [f"Markers show {'no error of' if errors else 'too little of'} camera, axis and angles."]
-        ),
+        *(error["text"] for error in errors if error["is_fault"]),
+        *([other] if rest else [] if errors else ["Markers show too little of camera, axis and angles."]),
     ]
 
 

@@ -25,7 +25,7 @@ def test_the_bundled_kit_is_right_to_a_few_millimetres(tmp_path, capsys):
     assert main([*given, "--out", str(out), "--share", str(shared), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["shape"]["p95_mm"] < 6
-    assert document["shape"]["compared_share"] > 0.5
+    assert document["shape"]["shown"]["this side"] > 0.5
     assert document["shape"]["within_3_std_share"] > 0.8
     assert document == json.loads((out / "validation.json").read_text())
     page = (out / "validation.html").read_text()
