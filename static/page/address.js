@@ -86,7 +86,7 @@ export class PageAddress extends PagePart {
   write(/** @type {boolean} */ first) {
     const text = writeAddress(this.now);
     if (text === location.hash || (text === "#" && !location.hash)) return;
-    if (first || !location.hash) history.replaceState(null, "", text);
+    if (first || !location.hash || this.page.playing) history.replaceState(null, "", text);
     else history.pushState(null, "", text);
   }
 

@@ -117,9 +117,9 @@ export function symbols(/** @type {string} */ text) {
 /** Make the formulas of the shown stage smaller where a font makes them wider than the column. */
 export function fitMath() {
   const box = find("[data-stage]:not([hidden]) .teaching-math", FRAME);
-  box.style.setProperty("--fit", "1");
-  if (box.scrollWidth > box.clientWidth)
-    box.style.setProperty("--fit", String(Math.max(0.6, (0.98 * box.clientWidth) / box.scrollWidth)));
+  let fit = 1;
+  const use = () => box.style.setProperty("--fit", String(fit));
+  for (use(); box.scrollWidth > box.clientWidth && fit > 0.6; use()) fit -= 0.02;
 }
 
 /**

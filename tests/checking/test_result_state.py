@@ -130,7 +130,7 @@ def test_cloth_most_of_which_floats_is():
 
 def service_of(found, monkeypatch, wrong=(), focal_factor=1.0):
     """Return a service that recognises a given garment."""
-    shape = SimpleNamespace(view=SimpleNamespace(valid=np.ones((2, 2), bool)), taken_off=())
+    shape = SimpleNamespace(view=SimpleNamespace(valid=np.ones((2, 2), bool)), taken_off=frozenset())
     none = DecidedPieces(shape_from_piece={}, refused=frozenset())
     known = KnownGarment(canonical=shape, evidence=(), by_evidence=found, found=found, pieces=none)
     recording = SimpleNamespace(mends=Mends(focal_factor=focal_factor))

@@ -38,7 +38,6 @@ AXIS = CylinderRecording().rotation_axis
 # Keys that browsers keep for themselves, or that move the focus.
 RESERVED = {
     "Tab",
-    "Enter",
     " ",
     *(f"F{n}" for n in (1, 3, 5, 6, 11, 12)),
     *(f"Ctrl+{key}" for key in "twnrlf"),

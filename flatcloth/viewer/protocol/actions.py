@@ -96,6 +96,13 @@ ACTIONS: tuple[Action, ...] = (
         "timeline",
     ),
     Action(
+        "play_views",
+        "Play",
+        ("Space",),
+        "Turn the item once through all views, each with its image; again: stop.",
+        "timeline",
+    ),
+    Action(
         "next_undecided",
         "Next undecided",
         ("j",),
