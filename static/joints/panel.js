@@ -142,7 +142,7 @@ export class JointsPanel extends PagePart {
       ),
       make(
         "table",
-        make("tr", ...["View", "Pairs", "Residual", "90 % below"].map((text) => make("th", { scope: "col" }, text))),
+        make("tr", ...["View", "Pairs", "Residual mm", "90 %"].map((text) => make("th", { scope: "col" }, text))),
         ...joint.views.slice(0, MOST_ROWS).map((view) => this.view(view)),
       ),
       joint.views.length > MOST_ROWS && make("p.note", `and ${joint.views.length - MOST_ROWS} more`),
@@ -184,8 +184,8 @@ export class JointsPanel extends PagePart {
         ),
       ),
       make("td", String(pairs)),
-      make("td", `${number(median, 1)} mm`),
-      make("td", `${number(most, 1)} mm`),
+      make("td", number(median, 1)),
+      make("td", number(most, 1)),
     );
   }
 
@@ -297,7 +297,7 @@ export class JointsPanel extends PagePart {
     if (joint && this.held && canvas.isMoved) {
       drawMoved(canvas, style, joint.outline_uv_m, canvas.motion);
       const { fit, options } = this;
-      if (fit && options) drawCaption(canvas, style, fit, options.loopsAt(canvas.motion).flat());
+      if (fit && options && canvas.gesture) drawCaption(canvas, style, fit, options.loopsAt(canvas.motion).flat());
     }
     this.drawAt([0, 0, 0], "--accent");
     const seams = joints.map((each) => ({ at: this.seamOf(each), doubted: each.weak }));
