@@ -36,7 +36,7 @@ def moved_off(tab):
     tab.page.keyboard.press("Shift+ArrowRight")
     tab.page.keyboard.press("Shift+ArrowRight")
     tab.until(f"flatcloth.overlayRevision > {before} && flatcloth.state.pending.nudge.u_mm > 39")
-    tab.until(f"Number({APART}) > 10")
+    tab.until("flatcloth.state.pending.checks.find((check) => check.name === 'apart')?.value > 10")
 
 
 def test_while_it_is_dragged_the_fit_follows_and_a_new_picture_leaves_the_view_as_it_is(open_tab):
