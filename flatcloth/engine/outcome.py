@@ -16,7 +16,7 @@ from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.joints import Joint, joints_of
+from flatcloth.engine.results.joints import Joint, alternatives, joints_of
 from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.segmenting import summary
@@ -79,6 +79,13 @@ def outcome_of(
         "joints": [
             {**_joint(each, shape.area_m2), "views": [held.view_index for held in each.views]}
             for each in joints
+        ],
+        "alternatives": [
+            {
+                "probability": _number(each.probability),
+                "false_joint": next((n for n, joint in enumerate(joints) if joint is each.joint), None),
+            }
+            for each in alternatives(joints)
         ],
         "pixels": pixel_counts(integration, document),
         **_cameras(integration, document),

@@ -187,6 +187,13 @@ class JointEntry(Written, frozen=True):
     views: list[int] | None = None
 
 
+class AlternativeEntry(Written, frozen=True):
+    """What the shape may be, with its probability: ``false_joint``, by its index, joins a part falsely."""
+
+    probability: float
+    false_joint: int | None
+
+
 class CameraEntry(Written, frozen=True):
     """The registered pose of a view: its difference from the recorded one, and its standard deviation."""
 
@@ -276,6 +283,7 @@ class OutcomeDocument(Written, frozen=True):
     floating_cm2: list[float]
     floating: list[FloatingEntry]
     joints: list[JointEntry]
+    alternatives: list[AlternativeEntry]
     pixels: dict[str, int]
     garment: GarmentEntry
     placement_std_median_mm: float | None = None
