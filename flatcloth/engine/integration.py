@@ -445,6 +445,7 @@ class Integration:
     def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
         self._read_ahead_of(proposal.view_index)
         key = (*_shape_of(document), proposal.view_index, proposal.side)
+        self._proposals.drop(lambda kept: kept == key)  # that of a view which was chosen by hand before
         self._proposals.put(key, proposal)
         return Proposed(
             token,

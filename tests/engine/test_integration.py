@@ -51,6 +51,16 @@ def test_the_start_view_is_the_one_with_the_largest_observed_area() -> None:
     assert STEPS[started(made).document.start_view or 0] == pytest.approx(320.0)
 
 
+def test_a_view_that_is_planned_has_its_reason_though_it_was_chosen_by_hand_before() -> None:
+    made = integration()
+    begun = started(made)
+    planned = made.plan(begun.document).view_index
+    by_hand = done(made, begun, Propose(planned))
+    assert made.proposal(by_hand.document).plan is None
+    proposed = done(made, begun, Propose())
+    assert made.proposal(proposed.document).plan.view_index == planned
+
+
 @pytest.mark.parametrize("folded_share", [0.0, 0.5, None])
 def test_whether_a_view_is_folded_is_remembered_when_it_is_released(
     folded_share: float | None, monkeypatch: pytest.MonkeyPatch
