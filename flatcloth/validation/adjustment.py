@@ -37,9 +37,9 @@ world in metres. By definition."""
 _LEAST_SIGHTINGS, _LEAST_COSINE = 50, 0.6
 """Fewer sightings of markers that several views show determine nothing; those beyond 53 degrees are biased.
 Measured there: with them, the first views of a part seem turned by half a degree."""
-_SURE, _SHARED_STD = 3.0, 0.003
-"""Errors within so many deviations are none; the deviation of focal length and depth that sightings share, as
-folds are smoothed: right cells are off by .2 to .5 %. Measured there."""
+_SURE, _LIKELY, _SHARED_STD = 3.0, 2.0, 0.003
+"""Errors within so many deviations are none, or hardly likely; the deviation of focal length and depth that
+sightings share, as folds are smoothed: right cells are off by .2 to .5 %. Measured there."""
 _FAULTS = (
     ("depth", "%", 1.0, "Depth is off by {:+.1f} ± {:.1f} %: --depth-factor {:.3f} mends it."),
     ("focal length", "%", 1.0, "Focal length is off by {:+.1f} ± {:.1f} %: --focal-factor {:.4f} mends it."),
@@ -151,7 +151,7 @@ def _errors(found: Float64, std: Float64, distance_m: float, below_m: float) -> 
     """
     (focal, depth, right, near), near_std = found[:4].tolist(), std[3]
     std[:2] = np.hypot(std[:2], _SHARED_STD)
-    if abs(depth) > max(_SURE * std[1], _FAULTS[0][2] / 100):  # the axis may be recorded where it truly is
+    if abs(depth) > _LIKELY * std[1]:  # depth is likely off: the axis may be recorded where it truly is
         truly = near - depth * distance_m, math.hypot(near_std, _SHARED_STD * distance_m)
         near, near_std = min((near, near_std), truly, key=lambda each: abs(each[0]))
     angle, *sway = (_spread(found[6 + k :: 3], np.square(std[6 + k :: 3])) for k in range(3))
