@@ -7,6 +7,7 @@ reliable place stay where they are.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -134,7 +135,8 @@ class Sheet:
         candidates = [(0, *_box(self.canonical.view))]
         for n, piece in enumerate(self.pieces, 1):
             if piece.sheet_from_plane != Rigid2():
-                corners = piece.sheet_from_plane.inverse().apply(_corners(piece.view))
+                sides = np.transpose(_box(piece.view))
+                corners = piece.sheet_from_plane.inverse().apply(np.array([*itertools.product(*sides)]))
                 candidates.append((n, corners.min(axis=0), corners.max(axis=0)))
         for n, low, high in candidates:
             off = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - at, at - high))))
@@ -376,11 +378,6 @@ def _box(view: FlattenedView) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     rows, cols = view.shape
     low = np.asarray(view.origin_uv_m, dtype=np.float64)
     return low, low + view.pixel_size_m * np.array([cols - 1, rows - 1])
-
-
-def _corners(view: FlattenedView) -> NDArray[np.float64]:
-    (left, top), (right, bottom) = _box(view)
-    return np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
 
 
 def _moved(view: FlattenedView, motion: Rigid2, main: FlattenedView) -> FlattenedView:

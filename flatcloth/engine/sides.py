@@ -46,10 +46,8 @@ class Sides:
         SegmentationError
             If the item or its side of interest cannot be found.
         """
-        return self._solutions.get(strokes, lambda: self._made(strokes, progress))
-
-    def _made(self, strokes: tuple[Decision, ...], progress: Progress) -> Masks:
-        return Masks(self.solver(progress).solve(strokes), self._n_views)
+        solve = self.solver
+        return self._solutions.get(strokes, lambda: Masks(solve(progress).solve(strokes), self._n_views))
 
     def solver(self, progress: Progress = no_progress) -> SideSolver:
         """Return the solver; the first call looks at all views.

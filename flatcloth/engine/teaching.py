@@ -274,10 +274,12 @@ class Teaching:
         return self._sides.get("sides", lambda: sides_lesson(self._session.views, progress))
 
     def _paper(self, parameters: Parameters) -> Integration:
-        config = paper_config(self._session.config, parameters)
-        return self._integrations.get(
-            parameters, lambda: _paper_integration(self._session.views, config, self._flattenings)
-        )
+        def make() -> Integration:
+            config = paper_config(self._session.config, parameters)
+            views = _PaperViews(self._session.views, config, self._flattenings)
+            return Integration(views.recording, config, PaperMethod.name, views=views)
+
+        return self._integrations.get(parameters, make)
 
 
 def _align(
@@ -363,11 +365,6 @@ class _PaperViews(RecordedViews):
             return flatten(surface, self.axis, self.config.flattening, min_area_m2=least, record=True)
 
         return self._shared.get((view_index, self.config.flattening.sampling_intervals_px), make)
-
-
-def _paper_integration(session: RecordedViews, config: Config, flattenings: Cache[Flattening]) -> Integration:
-    views = _PaperViews(session, config, flattenings)
-    return Integration(views.recording, config, PaperMethod.name, views=views)
 
 
 def _edge_uv_m(flattening: Flattening, side: Side) -> Float64:

@@ -35,7 +35,7 @@ links have 0.2 to 1.8, right ones 0.2 and more, most of them more than this (doc
 
 
 class GarmentPlace(NamedTuple):
-    """Where else a part belongs by a garment: the motion there, how far it moves (the farthest of it), how
+    """Where else a part belongs by a garment: the motion there, how far its farthest place moves, how
     probable it is against other places; and the evidence of that garment, with the part there.
     """
 

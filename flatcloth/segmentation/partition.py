@@ -26,7 +26,7 @@ Int8 = NDArray[np.int8]
 _CORE_NODES = 12
 """Nodes of a core that no disturbance divides, about 2 cm wide. Chosen: disturbances extend farther."""
 _KNOWN = 1e3
-"""Evidence of what is known of a core. By definition: far above any other, at most some tens."""
+"""Evidence of what is known of a core. By definition: far above the evidence between cores."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +99,7 @@ class Divisions:
         inner : (M,) bool
             Inner faces: cloth at their back is no evidence of their side.
         before : (K, M) int8, optional
-            Divisions by less that was known. Those that do not contradict what is known now are kept.
+            Divisions under fewer conditions. Those that agree with what is known now are kept.
         """
         used = np.where(self._repels & inner[self._ends].any(axis=1), 0.0, self._weight)
         guessed = known.copy()

@@ -43,7 +43,7 @@ class SegmentationConfig:
     """The disturbance of the evidence (standard deviation: a factor e) is correlated over this distance."""
     guess: float = 30.0
     """Evidence that the largest sheet of the start view is of interest: twice that around a brush mark, so
-    that a small stroke alone does not outweigh it. Chosen: with 15 and 60 as much is right."""
+    that a small stroke alone does not outweigh it. Chosen: 15 and 60 give as many right sides."""
     least_region: int = 30
     """Fewest clusters of an inner face. Chosen."""
     least_certainty: float = 0.7

@@ -41,7 +41,7 @@ def with_hands(
     seen : sequence of Observation
         What each of these sees.
     by_hand : sequence of ByHand
-        How each of the last ones was laid.
+        How each of the last of these views was laid.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def with_hands(
 
 
 def _bring_pieces(on: Shape, z: Complex128) -> None:
-    """Set the places (N,) of all of a floating piece, of which at least three nodes were laid, as these."""
+    """Let floating pieces follow three or more nodes that were laid: set the places (N,) of the others."""
     is_laid = np.isfinite(z[: len(on.piece)])
     for number in range(1, int(on.piece.max()) + 1):
         own, rest = (np.flatnonzero((on.piece == number) & which) for which in (is_laid, ~is_laid))

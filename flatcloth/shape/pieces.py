@@ -55,7 +55,7 @@ def pieces_of(graph: Graph, holds: Bool, vouched: Bool) -> Int32:
 
 
 def with_main(piece: Int32, before: Bool, *cut: Bool) -> Int32:
-    """Return the pieces (N,) with what parts ``cut`` off the main one, ``before``, leave of it first."""
+    """Return the pieces (N,), the first what is left of the main one, ``before`` parts were ``cut`` off."""
     own = before & (piece >= 0) & ~np.any([np.zeros_like(before), *cut], axis=0)
     main = int(np.bincount(piece[own]).argmax()) if cut and own.any() else 0
     return np.where(piece == main, 0, np.where(piece == 0, main, piece)).astype(np.int32)

@@ -11,15 +11,22 @@ const LEAST_CM2 = 2; // so much joins in any case: it holds two pairs of places,
  * @param {Page} page @param {FlatCanvas["layer"]} picture @param {Box} box
  * @param {(u: number, v: number) => UV} moved
  */
-function overlapOf(page, picture, { left, top, right, bottom }, moved) {
-  const boxes = (page.state.layers?.pieces ?? []).filter((one) => !one.placed).map((one) => boxOf(one.grid));
+const overlapOf = (page, picture, box, moved) => {
+  const isOfShape = shapeOf(page);
+  return areaWhere(box, (u, v) => picture.covers(u, v) && isOfShape(...moved(u, v)));
+};
+
+/** What tells whether a place is cloth of the shape, not of the pieces beside it. @param {Page} page */
+export function shapeOf({ state, canvas }) {
+  const boxes = (state.layers?.pieces ?? []).filter((one) => !one.placed).map((one) => boxOf(one.grid));
+  return (/** @type {number} */ u, /** @type {number} */ v) =>
+    canvas.layer.covers(u, v) && !boxes.some((box) => inBox(box, u, v));
+}
+
+/** Area (cm²) of the places of a box that a test holds for. @param {Box} box @param {(...uv: UV) => boolean} test */
+export function areaWhere({ left, top, right, bottom }, test) {
   let n = 0;
-  for (let u = left; u < right; u += SAMPLE_M)
-    for (let v = top; v < bottom; v += SAMPLE_M) {
-      if (!picture.covers(u, v)) continue;
-      const to = moved(u, v);
-      n += Number(page.canvas.layer.covers(...to) && !boxes.some((box) => inBox(box, ...to)));
-    }
+  for (let u = left; u < right; u += SAMPLE_M) for (let v = top; v < bottom; v += SAMPLE_M) n += Number(test(u, v));
   return n * (100 * SAMPLE_M) ** 2;
 }
 

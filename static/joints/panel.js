@@ -4,11 +4,12 @@
 import { PagePart } from "../page/page.js";
 import { nearest } from "../canvas/geometry.js";
 import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
+import { shapeOf } from "../canvas/overlap.js";
 import { drawCaption, drawMoved } from "../canvas/pieces.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { byId, closeButton, heading, make, rebuild, setText, smallButton, swatch } from "../page/dom.js";
 import { cm2, count, number } from "../page/format.js";
-import { fitOf, holds, isBeside, JointOptions } from "./places.js";
+import { fitOf, holds, JointOptions } from "./places.js";
 
 const HIT_PX = 10;
 const MOST_ROWS = 8;
@@ -244,11 +245,9 @@ export class JointsPanel extends PagePart {
 
   /** How the part fits where it is shown. */
   get fit() {
-    const { joint, options, canvas, page } = this;
+    const { joint, options, canvas } = this;
     if (!joint || !options || options.at(canvas.motion) === options.all.length - 1) return ""; // nowhere
-    const { layer } = canvas;
-    const beside = page.thisSide.layers?.pieces.filter((piece) => !piece.placed) ?? [];
-    return fitOf(joint, canvas.motion, (u, v) => layer.covers(u, v) && !isBeside(beside, u, v));
+    return fitOf(joint, canvas.motion, shapeOf(this.page));
   }
 
   showFit() {

@@ -1,12 +1,13 @@
 // Where the part of a joint may lie: as it is, where garment or seams have a place for it, or anywhere else; and how
 // it fits where it is moved to.
 
-import { applied, boxOf, boxOfPoints, inBox, unapplied } from "../canvas/geometry.js";
+import { applied, boxOfPoints, unapplied } from "../canvas/geometry.js";
+import { TITLES } from "../canvas/handles.js";
+import { areaWhere } from "../canvas/overlap.js";
 import { cm2, number, percent } from "../page/format.js";
 
 const ASIDE_M = 0.08; // a part of which no other place is known is shown so far off
-const STEP_M = 0.002; // at which gaps are looked for,
-const SAMPLE_M = 0.006; // and overlaps
+const STEP_M = 0.002; // at which gaps are looked for
 const SAME = 1e-6;
 const LEAST = 0.005; // what is less probable is shown when it is asked for
 
@@ -33,7 +34,7 @@ export class JointOptions {
       ...joint.places
         .toSorted((a, b) => b.probability - a.probability)
         .map(({ by, probability, shape_from_part: { theta_rad, u_m, v_m } }) =>
-          option(CAPITAL[by], probability, [theta_rad, u_m, v_m], "Place it there", true),
+          option(TITLES[by].replace("b", "B"), probability, [theta_rad, u_m, v_m], "Place it there", true),
         ),
       { ...option("Elsewhere", 1 - joint.probability - known, [0, aside_u, aside_v], "Cut it off"), place: null },
     ];
@@ -61,9 +62,6 @@ export class JointOptions {
     return boxOfPoints(this.all.flatMap(({ motion }) => this.loopsAt(motion).flat(2)));
   }
 }
-
-/** @type {Record<string, string>} */
-const CAPITAL = { garment: "By the garment", seams: "By seams" };
 
 /**
  * @param {string} title @param {number} probability @param {Motion} motion @param {string} decide @param {boolean} cut
@@ -94,11 +92,8 @@ export function fitOf(joint, by, covers) {
     }
     gap = Math.max(gap, free * STEP_M);
   }
-  let on = 0;
-  const { left, top, right, bottom } = boxOfPoints(joint.outline_uv_m.flat(2));
-  for (let u = left; u < right; u += SAMPLE_M)
-    for (let v = top; v < bottom; v += SAMPLE_M) on += Number(isPart([u, v]) && isRest(...applied(by, u, v)));
-  const overlap = cm2(on * (100 * SAMPLE_M) ** 2);
+  const box = boxOfPoints(joint.outline_uv_m.flat(2));
+  const overlap = cm2(areaWhere(box, (u, v) => isPart([u, v]) && isRest(...applied(by, u, v))));
   return `Pairs ${number(offOf(joint, by))} mm off, gap ${number(1000 * gap, 0)} mm, ${overlap} on other cloth`;
 }
 
@@ -110,10 +105,6 @@ function offOf({ ends_uv_m, length_m }, by) {
   });
   return off.sort((a, b) => a - b)[off.length >> 1] ?? 0;
 }
-
-/** Whether a place belongs to one of the pieces that lie beside the shape. @param {Piece[]} pieces */
-export const isBeside = (pieces, /** @type {number} */ u, /** @type {number} */ v) =>
-  pieces.some((piece) => inBox(boxOf(piece.grid), u, v));
 
 /** Whether the outlines of a part hold a place: an odd number of their edges is crossed on the way out. */
 export function holds(/** @type {JointInfo} */ { outline_uv_m }, /** @type {number} */ u, /** @type {number} */ v) {

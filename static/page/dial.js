@@ -29,7 +29,7 @@ export class Dial extends PagePart {
     }
     const present = state.views[state.present_view ?? -1]?.angle_deg;
     if (present === undefined) return;
-    strokeLine(context, [at(present, 20), at(present, RADIUS + 12)], color("--text"), 3);
+    strokeLine(context, [at(present, 24), at(present, RADIUS + 12)], color("--text"), 3);
     drawLabel(context, style, `${number(present, 0)}°`, [from.x - 14, from.y], [from.x - 16, from.y - 9, 34, 18]);
     const next = state.active?.angle_deg ?? present;
     strokeLine(context, [at(present, 26), at(next, 26)], color("--accent"), 2, [4, 3]);

@@ -121,7 +121,9 @@ def _views(
     for index in range(len(recording)):
         frame = recording[index]
         name = f"images/{result.folder.name}/{index:04d}.jpg"
-        _write_image(out / name, frame)
+        with os_errors_as(FlatclothError, f"{out / name}: cannot be written", "Choose another folder."):
+            (out / name).parent.mkdir(parents=True, exist_ok=True)
+            (out / name).write_bytes(jpeg(frame.color))
         image = {
             "file_name": name,
             "width": frame.intrinsics.width,
@@ -175,9 +177,3 @@ def _box(item: Bool) -> list[float]:
 def _polygons(item: Bool) -> list[list[float]]:
     contours, _ = cv2.findContours(item.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     return [contour.ravel().astype(float).tolist() for contour in contours if len(contour) >= 3]
-
-
-def _write_image(path: Path, frame: RgbdFrame) -> None:
-    with os_errors_as(FlatclothError, f"{path}: cannot be written", "Choose another folder."):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(jpeg(frame.color))

@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from flatcloth.core.geometry import Rigid3
 from flatcloth.export.data import png_bytes
 from flatcloth.export.formats.moments import Moment, moments, points_of
 from flatcloth.export.session import OpenedSession
@@ -61,7 +60,7 @@ def _log(
     # Timelines count whole numbers: thousandths of a degree.
     stream.set_time("angle", sequence=round(1000 * frame.angle_deg))
     stream.log("angle_deg", rr.Scalars(frame.angle_deg))
-    stream.log(OBJECT, _transform(rr, pose))
+    stream.log(OBJECT, rr.Transform3D(translation=pose.translation_m, mat3x3=pose.rotation))
     stream.log(f"{OBJECT}/cloud", rr.Points3D(moment.points_m, colors=moment.colors, radii=0.001))
     stream.log("camera/image/color", rr.EncodedImage(contents=jpeg(frame.color), media_type="image/jpeg"))
     depth = cv2.imencode(".png", np.rint(DEPTH_PER_M * frame.depth_m).astype(np.uint16))[1].tobytes()
@@ -73,7 +72,3 @@ def _log(
     if len(positions_m):
         in_camera = pose.apply(positions_m)
         stream.log("points_in_camera", rr.Points3D(in_camera, labels=names, radii=0.005))
-
-
-def _transform(rr: Any, pose: Rigid3) -> Any:
-    return rr.Transform3D(translation=pose.translation_m, mat3x3=pose.rotation)
