@@ -215,11 +215,14 @@ class CylinderIntegration:
         plan = SimpleNamespace(reason="left: A = 30 deg", rotation_deg=30.0, sides=(side,))
         found = SimpleNamespace(current_from_new=Rigid2(0.0, 0.003, 0.0))
         parts = (
-            SimpleNamespace(component=0, area_m2=0.03, hypothesis=found),
-            SimpleNamespace(component=1, area_m2=0.008, hypothesis=None),
+            SimpleNamespace(component=0, area_m2=0.03, alignment=found),
+            SimpleNamespace(component=1, area_m2=0.008, alignment=None),
         )
-        placement = SimpleNamespace(hypotheses=(), parts=parts, change=None)
-        return SimpleNamespace(view_index=pending.view_index, side=Side.LEFT, plan=plan, placement=placement)
+        best = SimpleNamespace(current_from_new=pending.proposed, score=SimpleNamespace(total=pending.score))
+        placement = SimpleNamespace(parts=parts, change=None, alignment=best)
+        return SimpleNamespace(
+            view_index=pending.view_index, side=Side.LEFT, plan=plan, placement=placement, alignment=best
+        )
 
     def answer(self, document: Document, request: Request, progress: Progress) -> Event:
         self.answers += 1

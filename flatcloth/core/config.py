@@ -80,7 +80,7 @@ class RobustConfig:
     """The method ``robust``."""
 
     accept_confidence: float = 0.5
-    """Least confidence of a proposal that is accepted without an operator: right more often than wrong."""
+    """Least score of a proposal that is accepted without an operator: its cloth is nearer than 15 mm."""
     most_views: int = 14
     """Views of a limited run (``Run.is_limited``); otherwise the gain alone decides.
 

@@ -181,24 +181,6 @@ def refit_rigid2(motion: Rigid2, points_m: Float64, target_m: Float64, scale_m: 
     return motion
 
 
-def nearest_isometries(maps: Float64) -> Float64:
-    """Return the isometries nearest to linear maps M (N, 3, 2): M (M'M)^(-1/2), the root in closed form."""
-    a, b, d = (np.einsum("ni,ni->n", maps[:, :, i], maps[:, :, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
-    root_det = np.sqrt(np.maximum(a * d - b * b, 0.0))
-    trace = np.sqrt(a + d + 2.0 * root_det)
-    scale = 1.0 / np.maximum(root_det * trace, 1e-30)
-    # The root of a 2 x 2 matrix S is (S + sqrt(det) 1) / trace; its inverse is the adjugate over sqrt(det).
-    inverse = np.empty((len(maps), 2, 2))
-    inverse[:, 0, 0], inverse[:, 1, 1] = scale * (d + root_det), scale * (a + root_det)
-    inverse[:, 0, 1] = inverse[:, 1, 0] = -scale * b
-    isometry: Float64 = maps @ inverse
-    flat = root_det <= 1e-6 * (a + d)
-    if flat.any():
-        u, _, v = np.linalg.svd(maps[flat], full_matrices=False)
-        isometry[flat] = u @ v
-    return isometry
-
-
 def window_of(where: Bool, margin_px: int = 0) -> tuple[slice, slice] | None:
     """Return the rows and columns in which an image (H, W) is True, with a margin; None if nowhere."""
     rows, cols = np.flatnonzero(where.any(axis=1)), np.flatnonzero(where.any(axis=0))

@@ -104,7 +104,7 @@ def laid_beside(shape: FlattenedView, parts: Mapping[int, FlattenedView], side: 
     motion = Rigid2(0.0, u_m, v_m)
     nothing = AlignmentScore(0.0, {})
     alignment = Alignment(current_from_new=motion, initial=motion, score=nothing, initial_score=nothing)
-    waiting = (ComponentPlacement(component=n, area_m2=p.area_m2, hypothesis=None) for n, p in parts.items())
+    waiting = (ComponentPlacement(component=n, area_m2=p.area_m2, alignment=None) for n, p in parts.items())
     return Placement(component=component, alignment=alignment, parts=tuple(waiting))
 
 

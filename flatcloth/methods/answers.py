@@ -19,8 +19,6 @@ from flatcloth.core.types import (
     Rigid2,
 )
 from flatcloth.flattening.borders import SPACING_M
-from flatcloth.flattening.sampling import BENT_DEG, LEAST_INTERVAL_M
-from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document, PlacedPart, Side
 from flatcloth.shape.joints import DecidedParts
 from flatcloth.shape.shape import Change
@@ -165,56 +163,25 @@ class Alignment:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hypothesis:
-    """A possible placement of a component of a view.
-
-    ``source`` names the estimator of ``initial``, ``current_from_new`` is the placement after
-    refinement; ``score`` is that of :func:`flatcloth.methods.robust.scoring.score_placement`;
-    ``std`` (3,) are standard deviations of rotation (rad), u and v (m).
-    """
-
-    source: str
-    initial: Rigid2
-    current_from_new: Rigid2
-    score: AlignmentScore
-    std: Float64
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """The directions that the common cloth leaves unsure by a bend, or an interval of samples."""
-        names = []
-        if self.std[0] > math.radians(BENT_DEG):
-            names.append("turn")
-        names += [n for n, s in zip(("across", "along"), self.std[1:], strict=True) if s > LEAST_INTERVAL_M]
-        return tuple(names)
-
-
-@dataclass(frozen=True, kw_only=True)
 class ComponentPlacement:
-    """The best hypothesis for one component of a view; None if the component cannot be placed yet."""
+    """The alignment of one component of a view; None if the component cannot be placed yet."""
 
     component: int
     area_m2: float
-    hypothesis: Hypothesis | None
+    alignment: Alignment | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """A method's placement of a view: the ``alignment`` of its ``component``, and the alternatives.
+    """A method's placement of a view: the ``alignment`` of its ``component``.
 
-    ``hypotheses`` are those for that component, the best first; ``margin`` is the difference between
-    the best and the second score (the best score itself if there is no second); ``cameras`` are those of all
-    views, registered with this one; ``parts`` has one entry per component of the view. Only ``component``
-    and ``alignment`` are required of a method. ``also`` are further components, of this view or of accepted
-    ones, each with its own motion, that are placed with it. ``change`` is what the view changes about the
-    shape.
+    ``parts`` has one entry per component of the view. Only ``component`` and ``alignment`` are required of a
+    method. ``also`` are further components, of this view or of accepted ones, each with its own motion, that
+    are placed with it. ``change`` is what the view changes about the shape.
     """
 
     component: int
     alignment: Alignment
-    hypotheses: tuple[Hypothesis, ...] = ()
-    margin: float = math.nan
-    cameras: Registered | None = None
     parts: tuple[ComponentPlacement, ...] = ()
     also: tuple[PlacedPart, ...] = ()
     change: Change | None = None

@@ -14,13 +14,11 @@ from flatcloth.shape.shape import Shape
 class Neighbourhoods(NamedTuple):
     """Sums over the neighbours of each of N nodes, each as often as views saw the pair.
 
-    ``views`` (N,) their number; ``turned`` (N, 3, 2) the products of the steps to them in space and on the
-    plane (m2); ``lean`` (N, 2) the unit steps on the plane; ``inwards`` (N, 3) the steps in space for a unit
-    step on the plane.
+    ``views`` (N,) their number; ``lean`` (N, 2) the unit steps on the plane; ``inwards`` (N, 3) the steps in
+    space for a unit step on the plane.
     """
 
     views: Float64
-    turned: Float64
     lean: Float64
     inwards: Float64
 
@@ -29,13 +27,13 @@ def neighbourhoods_of(shape: Shape) -> Neighbourhoods:
     """Return the sums over the pairs of a shape that hold, and whose nodes have a place."""
     views = np.where(shape.holds, shape.graph.views, 0)
     sums = _summed(shape.graph.pairs, views, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m)
-    return Neighbourhoods(sums[:, 0], sums[:, 6:].reshape(-1, 3, 2), sums[:, 1:3], sums[:, 3:6])
+    return Neighbourhoods(sums[:, 0], sums[:, 1:3], sums[:, 3:6])
 
 
 @njit(cache=True, nogil=True)
 def _summed(pairs: Int32, views: Int64, has_place: Bool, uv: Float64, xyz: Float64) -> Float64:
-    """Return the sums (N, 12) as columns: views, lean, inwards, turned."""
-    sums, step, flat = np.zeros((len(uv), 12)), np.empty(3), np.empty(2)
+    """Return the sums (N, 6) as columns: views, lean, inwards."""
+    sums, step, flat = np.zeros((len(uv), 6)), np.empty(3), np.empty(2)
     for k in range(len(pairs)):
         i, j, seen = pairs[k, 0], pairs[k, 1], float(views[k])
         if not (has_place[i] and has_place[j]):
@@ -50,6 +48,4 @@ def _summed(pairs: Int32, views: Int64, has_place: Bool, uv: Float64, xyz: Float
                 sums[end, 1 + b] += sign * flat[b]
             for a in range(3):
                 sums[end, 3 + a] += sign * step[a]
-                for b in range(2):
-                    sums[end, 6 + 2 * a + b] += seen * step[a] * flat[b]
     return sums

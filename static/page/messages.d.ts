@@ -618,7 +618,6 @@ export interface PendingInfo {
   brings: JoinedPieceInfo | null;
   foreseen: Foreseen | null;
   checks: Check[];
-  undetermined: string[];
   ghosts: GhostInfo[];
   joins: boolean | null;
 }

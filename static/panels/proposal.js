@@ -90,7 +90,6 @@ function showProposal(state, page, show) {
       ]),
     foreseen(pending.foreseen),
     pending.joins !== false && checkList(pending.checks, show),
-    pending.undetermined.length > 0 && make("p.note", `Not determined: ${pending.undetermined.join(", ")}`),
     pending.why && make("p.asked-again", pending.why),
     placedWithIt(pending, (message) => page.send(message), show),
   ]);

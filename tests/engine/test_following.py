@@ -190,7 +190,7 @@ def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by
     u_shape = shape.uv_from_rc(np.argwhere(shape.valid))[:, 0]
     u_new = overlay.uv_from_rc(np.argwhere(overlay.valid))[:, 0]
     assert u_new.max() < u_shape.min() or u_new.min() > u_shape.max()
-    assert made.proposal(state.document).placement.hypotheses == ()
+    assert made.proposal(state.document).placement.alignment.score.total == 0.0
     # Dragged to where it belongs and accepted, it is part of the shape.
     right = done(shared(method), done(shared(method), SessionState(len(STEPS)), Start(0)), Propose(2))
     assert right.document.pending is not None
@@ -223,7 +223,7 @@ def test_a_floating_piece_is_placed_by_hand_and_is_part_of_the_shape_then() -> N
     state = done(made, SessionState(len(recording)), Start(), Propose(18))
     pending = state.document.pending
     assert pending is not None
-    waiting = [p.component for p in made.proposal(state.document).placement.parts if p.hypothesis is None]
+    waiting = [p.component for p in made.proposal(state.document).placement.parts if p.alignment is None]
     assert waiting
     plain = made.canonical(done(made, state, Accept(pending.view_index)).document)
     assert plain.floating  # nothing seen connects it

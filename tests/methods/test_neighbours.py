@@ -32,4 +32,3 @@ def test_sums_are_over_pairs_of_placed_nodes_weighted_by_their_views() -> None:
         assert found.views[node] == weight.sum()
         np.testing.assert_allclose(found.lean[node], share @ to, atol=1e-12)
         np.testing.assert_allclose(found.inwards[node], share @ step, atol=1e-12)
-        np.testing.assert_allclose(found.turned[node], (weight[:, None] * step).T @ to, atol=1e-12)

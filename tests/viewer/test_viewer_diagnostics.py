@@ -8,15 +8,13 @@ import pytest
 from cylinder_views import CylinderViews, proposed
 from route_client import RouteClient
 
-from flatcloth.core.types import Rigid2
 from flatcloth.viewer.modes.diagnostics import diagnostics_routes
 
 
 @pytest.fixture
 def held():
     views = CylinderViews()
-    hypotheses = tuple(SimpleNamespace(current_from_new=Rigid2(0.0, u, 0.0)) for u in (0.0, 0.15))
-    proposal = SimpleNamespace(view_index=1, component=0, placement=SimpleNamespace(hypotheses=hypotheses))
+    proposal = SimpleNamespace(view_index=1, component=0, placement=SimpleNamespace())
     sheet = SimpleNamespace(shown=lambda motion, _center: motion)
     overlay = SimpleNamespace(revision=7, proposal=proposal, own_center_uv_m=(0.0, 0.0), sheet=sheet)
     document = proposed(1)

@@ -35,7 +35,6 @@ from flatcloth.methods.answers import (
     Canonical,
     ClothPairs,
     ComponentPlacement,
-    Hypothesis,
     JoinedPiece,
     JoinedSides,
     OneSide,
@@ -45,14 +44,7 @@ from flatcloth.methods.answers import (
 from flatcloth.methods.base import Focus, Method, Views
 from flatcloth.methods.paper.matching import SEARCH_POINTS
 from flatcloth.methods.robust.next_best_view import inner_area_m2, rate_candidates, seams_ahead
-from flatcloth.methods.robust.scoring import (
-    ReferenceShape,
-    SampledComponent,
-    cloth_pairs,
-    refine,
-    sample_component,
-    score_placement,
-)
+from flatcloth.methods.robust.scoring import SampledComponent, cloth_pairs, refined, score_placement
 from flatcloth.methods.robust.seams.joining import Seamed, join_sides, other_of, seams_of
 from flatcloth.methods.robust.seams.laying import MOST_STD_M
 from flatcloth.methods.robust.shapes import MOST_KEPT, RegisteredViews, Shapes, shape_key
@@ -82,9 +74,8 @@ class RobustMethod(Method):
         self._views, self._config = views, views.config
         self.seen = RegisteredViews(views)
         self.shapes = Shapes(views, self.seen)
-        self._references: Cache[ReferenceShape] = Cache(2)
         self._components: Cache[dict[int, SampledComponent]] = Cache(4)
-        self._hypotheses: Cache[dict[int, Hypothesis]] = Cache(4)
+        self._alignments: Cache[dict[int, Alignment]] = Cache(4)
         self._scores: Cache[AlignmentScore] = Cache(MOST_KEPT)
         self._drawn: Cache[Canonical] = Cache(2)
         self._decided: Cache[Shape] = Cache(2)
@@ -168,11 +159,11 @@ class RobustMethod(Method):
         shape, found = self.shapes.of(with_view(document, view_index)), self._found(document, view_index)
         sampled = self._sampled(document, view_index)
         parts = [
-            ComponentPlacement(component=n, area_m2=own.area_m2, hypothesis=found.get(n))
+            ComponentPlacement(component=n, area_m2=own.area_m2, alignment=found.get(n))
             for n, own in sampled.items()
             if flattening.components[n].folded_share <= self._config.flattening.max_folded_share
         ]
-        placed = [(part, part.hypothesis) for part in parts if part.hypothesis is not None]
+        placed = [(part, part.alignment) for part in parts if part.alignment is not None]
         if not placed:
             folded = max((flattening.components[n].folded_share for n in sampled), default=0.0)
             raise AlignmentError(
@@ -180,52 +171,41 @@ class RobustMethod(Method):
                 if sampled and not parts
                 else f"View {view_index}: it has no cloth in common with the shape; choose another view."
             )
-        best, first = max(placed, key=lambda of: of[1].score.total * math.sqrt(of[0].area_m2))
+        best, alignment = max(placed, key=lambda of: of[1].score.total * math.sqrt(of[0].area_m2))
         return Placement(
             component=best.component,
-            alignment=Alignment(
-                current_from_new=first.current_from_new,
-                initial=first.initial,
-                score=first.score,
-            ),
-            hypotheses=(first,),
-            margin=first.score.total,
-            cameras=self.seen.registered(self.seen.usable({*document.used_views, view_index})),
+            alignment=alignment,
             parts=tuple(parts),
             change=change_by(view_index, self.shapes.of(document), shape),
         )
 
-    def _found(self, document: Document, view_index: int) -> dict[int, Hypothesis]:
+    def _found(self, document: Document, view_index: int) -> dict[int, Alignment]:
         """Return the placements of a view's components, but those that float or are new (cached)."""
-        return self._hypotheses.get(
+        return self._alignments.get(
             (shape_key(document), view_index), lambda: self._find(document, view_index)
         )
 
-    def _find(self, document: Document, view_index: int) -> dict[int, Hypothesis]:
+    def _find(self, document: Document, view_index: int) -> dict[int, Alignment]:
         """Find where the shape with a view has each of its components, and how well the other views agree.
 
         The score is by the other views' cloth in that shape; for display each lies on the shape without it.
         """
-        shape = self.shapes.of(with_view(document, view_index))
+        before, shape = self.shapes.of(document), self.shapes.of(with_view(document, view_index))
         others = of_views(shape, document.used_views)
-        reference = ReferenceShape(others, self.seen.surfaces(others), self._views.axis)
         drawn, found = self._sampled(document, view_index), {}
         for n, own in self._sample(others, view_index).items():
             initial = self.seen.current_from_component(shape, view_index, n)
             if initial is None or n not in drawn or not (own.node >= 0).any():
                 continue
-            motion, std = refine(self._reference(document), drawn[n], initial)
-            found[n] = Hypothesis(
-                source="place",
+            found[n] = Alignment(
                 initial=initial,
-                current_from_new=motion,
-                score=score_placement(reference, own, initial),
-                std=std,
+                current_from_new=refined(cloth_pairs(before, drawn[n]), initial),
+                score=score_placement(others, own, initial),
             )
         return found
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
-        """Score a placement by the probability that it is right (cached).
+        """Score a placement by the cloth that the view and the shape have in common (cached).
 
         Where the view hangs, by the shape with it; where it was moved to, by the shape that it was laid on.
         """
@@ -237,28 +217,18 @@ class RobustMethod(Method):
             sampled = self._sampled(document, view_index).get(component)
             if sampled is None:
                 return AlignmentScore(0.0, {})
-            return score_placement(self._reference(document), sampled, motion)
+            return score_placement(self.shapes.of(document), sampled, motion)
 
         return self._scores.get((shape_key(document), view_index, component, motion), make)
 
     def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
-        """Refine a placement by fitting its points to the surface that they cover in space."""
-        sampled = self._sampled(document, view_index).get(component)
-        if sampled is None:
-            return motion
-        return refine(self._reference(document), sampled, motion)[0]
+        """Refine a placement by the cloth that it has in common with the shape."""
+        return refined(self.pairs(document, view_index, component), motion)
 
     def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:
         """Return the nodes of the shape that the view shows, each with its place on the component."""
         sampled = self._sampled(document, view_index).get(component)
-        return None if sampled is None else cloth_pairs(self._reference(document), sampled)
-
-    def _reference(self, document: Document) -> ReferenceShape:
-        def make() -> ReferenceShape:
-            shape = self.shapes.of(document)
-            return ReferenceShape(shape, self.seen.surfaces(shape), self._views.axis)
-
-        return self._references.get(shape_key(document), make)
+        return None if sampled is None else cloth_pairs(self.shapes.of(document), sampled)
 
     def _sampled(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
         """Return the components of a view with the nodes of the shape that they show (cached)."""
@@ -277,20 +247,15 @@ class RobustMethod(Method):
         for n, component in enumerate(flattening.components):
             inside, own = np.flatnonzero(of_pixel == n), np.flatnonzero(of_node == n)
             inside = inside[:: max(1, len(inside) // SEARCH_POINTS)]
-            # With the nodes, so that cloth present twice is found.
             some = np.stack(np.unravel_index(inside, of_pixel.shape), axis=1).astype(np.int32)
             rc: Int32 = np.concatenate([some, pixel[own]])
             uv = flattening.carrier.place(rc)
             known = np.isfinite(uv[:, 0])
             if known.sum() >= 10:
-                found[n] = sample_component(
-                    uv[known],
-                    rc[known],
-                    flattening.surface,
-                    pose,
-                    shown.rc[own],
-                    shown.node[own],
-                    component.view.area_m2,
+                xyz = flattening.surface.xyz_m[rc[known, 0], rc[known, 1]].astype(np.float64)
+                node = np.concatenate([np.full(len(some), -1, dtype=np.int32), shown.node[own]])
+                found[n] = SampledComponent(
+                    uv_m=uv[known], xyz_m=pose.apply(xyz), node=node[known], area_m2=component.view.area_m2
                 )
         return found
 
@@ -320,7 +285,7 @@ class RobustMethod(Method):
     def release(self, *, surfaces: bool = False) -> None:
         """Free what only further views or earlier shapes need; with ``surfaces``, those of the views too."""
         self.shapes.release()
-        for kept in (self._references, self._components, self._hypotheses, self._seamed):
+        for kept in (self._components, self._alignments, self._seamed):
             kept.drop()
         self.seen.release(surfaces=surfaces)
 
@@ -382,7 +347,7 @@ class RobustMethod(Method):
 
     @property
     def accept_score(self) -> float:
-        """The smallest accepted confidence (``docs/robust.md``, "Proposals")."""
+        """The smallest accepted score (``docs/robust.md``, "Proposals")."""
         return self._config.robust.accept_confidence
 
     def why_unusable(self, view_index: int) -> str:

@@ -98,7 +98,7 @@ def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> 
     part = next((p for p in parts if p.component == component), None)
     if overlay is None or overlay.proposal.view_index != pending.view_index or part is None:
         raise FlatclothError(f"View {pending.view_index} has no part {component + 1} to place; look again.")
-    return pending.current_from_new if part.hypothesis is None else part.hypothesis.current_from_new
+    return pending.current_from_new if part.alignment is None else part.alignment.current_from_new
 
 
 def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:

@@ -295,8 +295,7 @@ def back_to_best(pending: Pending, overlay: Overlay | None) -> Nudge:
     """
     if overlay is None or overlay.proposal.view_index != pending.view_index:
         raise FlatclothError("The proposal is being drawn; lay it back again in a moment.")
-    hypotheses = overlay.proposal.placement.hypotheses
-    best = hypotheses[0].current_from_new if hypotheses else pending.proposed
+    best = overlay.proposal.alignment.current_from_new
     return Nudge(pending.view_index, best @ pending.current_from_new.inverse())
 
 

@@ -260,8 +260,8 @@ def _other_components(
             continue
         view = integration.views.part(pending.view_index, other.component)
         new = view.valid
-        if other.hypothesis is not None:
-            shown = sheet.shown(other.hypothesis.current_from_new, np.array(center_uv_m(view)))
+        if other.alignment is not None:
+            shown = sheet.shown(other.alignment.current_from_new, np.array(center_uv_m(view)))
             placed = replace(pending, component=other.component, proposed=shown, nudge=Rigid2())
             view = integration.overlay(replace(document, pending=placed))
             new = beyond(view, sheet.view)
@@ -305,7 +305,7 @@ def _checks(
     median_mm = 1000 * float(np.median(apart.distance_m[common])) if common.any() else float("nan")
     with np.errstate(invalid="ignore"):
         far = common & (apart.distance_m * 1000 > APART_LIMIT_MM)
-    crossed = 1.0 - score.parts.get("outline_agreement", float("nan"))
+    other = score.parts.get("other_cloth_share", float("nan"))
     twice = score.parts.get("twice_share", float("nan"))
     shared = _middle(view, common)
     worst = _middle(view, far) or shared
@@ -313,7 +313,7 @@ def _checks(
     return (
         _check("apart", "Distance in space", median_mm, APART_LIMIT_MM, "mm", worst),
         _check("twice", "Cloth covered twice", 100 * twice, limit, "%", shared),
-        _check("outline", "Outline crossed", 100 * crossed, limit, "%", shared),
+        _check("other", "Lies on other cloth", 100 * other, limit, "%", shared),
     )
 
 

@@ -134,15 +134,13 @@ def _pending(document: Document, picture: Picture | None) -> PendingInfo | None:
 def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     """Return what the method has computed for a proposal, as fields of it."""
     placement = overlay.proposal.placement
-    best = placement.hypotheses[0] if placement.hypotheses else None
     return {
-        "best_score": pending.score if best is None else best.score.total,
-        "undetermined": () if best is None else tuple(best.undetermined),
+        "best_score": placement.alignment.score.total,
         "pieces": tuple(
             PendingPart(
                 component=part.component,
                 area_cm2=1e4 * part.area_m2,
-                waits=part.hypothesis is None,
+                waits=part.alignment is None,
                 chosen=part.component == pending.component,
             )
             for part in placement.parts

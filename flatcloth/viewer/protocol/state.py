@@ -288,7 +288,6 @@ class PendingInfo(Sent, frozen=True):
     brings: JoinedPieceInfo | None = None
     foreseen: Foreseen | None = None
     checks: tuple[Check, ...] = ()
-    undetermined: tuple[str, ...] = ()
     ghosts: tuple[GhostInfo, ...] = ()
     joins: bool | None = None
 
