@@ -50,19 +50,10 @@ def motion(twist: Float64, center_m: Float64) -> Rigid3:
     return Rigid3(turn, center_m - turn @ center_m + twist[3:])
 
 
-def twist_of(moved: Rigid3, center_m: Float64) -> Float64:
-    """Return the inverse of :func:`motion`, for rotations below 90 degrees."""
-    r = moved.rotation
-    axis = 0.5 * np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    sine = float(np.linalg.norm(axis))
-    turn = axis * (math.asin(min(1.0, sine)) / sine) if sine > 1e-12 else axis
-    return np.concatenate([turn, moved.apply(center_m) - center_m])
-
-
 def twists_between(
     one: tuple[Float64, Float64], other: tuple[Float64, Float64], centers_m: Float64
 ) -> Float64:
-    """Return :func:`twist_of` of ``other^-1 one`` (P, 6) about centers (P, 3), for P pairs of motions.
+    """Return the twists (P, 6) about centers (P, 3) of ``other^-1 one``, below 90 degrees: see :func:`motion`
 
     ``one``, ``other`` are rotations (P, 3, 3) and translations (P, 3).
     """
