@@ -53,7 +53,7 @@ def motion(twist: Float64, center_m: Float64) -> Rigid3:
 def twists_between(
     one: tuple[Float64, Float64], other: tuple[Float64, Float64], centers_m: Float64
 ) -> Float64:
-    """Return the twists (P, 6) about centers (P, 3) of ``other^-1 one``, below 90 degrees: see :func:`motion`
+    """Return the twists (P, 6) about centers (P, 3) of ``other^-1 one``, those of :func:`motion`.
 
     ``one``, ``other`` are rotations (P, 3, 3) and translations (P, 3).
     """
