@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from garment_evidence import blank_view
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import object_from_camera, rotation_about
@@ -41,17 +42,14 @@ def cylinder() -> FlattenedView:
     valid = np.ones((ROWS, COLS), dtype=bool)
     valid[:5, :] = False
     valid[10, 20] = False  # a hole in the middle
-    return FlattenedView(
-        rgb=np.zeros((ROWS, COLS, 3), np.uint8),
+    return blank_view(
+        valid, SIZE_M, origin_uv_m=origin,
         xyz_m=np.where(valid[..., None], xyz, np.nan).astype(np.float32),
         normal=np.where(valid[..., None], normal, np.nan).astype(np.float32),
         z_angle_deg=np.where(valid, np.degrees(theta), np.nan).astype(np.float32),
-        valid=valid,
         view_index=np.where(valid, 7, -1).astype(np.int16),
         source_rc=np.stack([rows, cols], axis=-1).astype(np.float32) * 2,
-        pixel_size_m=SIZE_M,
-        origin_uv_m=origin,
-    )
+    )  # fmt: skip
 
 
 def empty() -> FlattenedView:
@@ -221,17 +219,7 @@ def flat_sheet(rows: int, cols: int, noise_m: float = 0.0) -> FlattenedView:
     """A plane before the camera, 2 mm a pixel, with noise in depth."""
     v, u = np.mgrid[0:rows, 0:cols] * 0.002
     depth = 0.8 + noise_m * np.random.default_rng(5).standard_normal(u.shape)
-    return FlattenedView(
-        rgb=np.zeros((rows, cols, 3), np.uint8),
-        xyz_m=np.stack([u, v, depth], axis=-1).astype(np.float32),
-        normal=np.broadcast_to(np.float32([0, 0, -1]), (rows, cols, 3)).copy(),
-        z_angle_deg=np.zeros((rows, cols), np.float32),
-        valid=np.ones((rows, cols), bool),
-        view_index=np.zeros((rows, cols), np.int16),
-        source_rc=np.zeros((rows, cols, 2), np.float32),
-        pixel_size_m=0.002,
-        origin_uv_m=(0.0, 0.0),
-    )
+    return blank_view(np.ones((rows, cols), bool), xyz_m=np.stack([u, v, depth], axis=-1).astype(np.float32))
 
 
 @pytest.mark.parametrize("noise_m", [0.0005, 0.002])
