@@ -131,18 +131,6 @@ def test_the_operator_keeps_repeats_corrects_and_ends(
     assert open_recording(tmp_path / "out").angles_deg == (0.0, 12.5)
 
 
-def test_a_turn_that_was_not_seen_is_told_with_enter(file: Path, tmp_path: Path) -> None:
-    phases: list[Phase] = []
-
-    def answer(guided: GuidedCapture) -> str | None:
-        phases.append(guided.state.phase)
-        return "" if guided.state.phase in (Phase.REVIEW, Phase.TURN) else None
-
-    led(file, tmp_path / "out", answer)
-    assert len(open_recording(tmp_path / "out")) >= 2
-    assert phases.count(Phase.TURN) <= len(open_recording(tmp_path / "out"))
-
-
 def test_without_a_terminal_it_must_be_told_to_keep_everything(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

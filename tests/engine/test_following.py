@@ -61,15 +61,6 @@ def apart_m(one: Rigid2, other: Rigid2) -> float:
 
 
 @pytest.mark.parametrize("method", method_names())
-def test_accepting_the_same_again_gives_the_very_same_shape(method: str) -> None:
-    made = shared(method)
-    before = three_accepted(made)
-    after = done(made, before, Reopen(1), Accept(1))
-    assert after.document == before.document
-    assert made.canonical(after.document) is made.canonical(before.document)
-
-
-@pytest.mark.parametrize("method", method_names())
 def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs(method: str) -> None:
     made = shared(method)
     before = three_accepted(made)

@@ -11,8 +11,8 @@ from scenes import AXIS, Cylinder
 from sheet_runs import SHEET, STEPS, done, errors_m, shared
 from sheet_runs import integration as sheet_integration
 
-from flatcloth.core.config import Config, FlatteningConfig, PlanningConfig
-from flatcloth.core.errors import CancelledError, FlatclothError, FlatteningError
+from flatcloth.core.config import Config, FlatteningConfig
+from flatcloth.core.errors import FlatclothError, FlatteningError
 from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
@@ -210,26 +210,6 @@ def test_the_policy_goes_by_the_score() -> None:
     assert accept_by_score(made, low) == Reject(3, UNSURE)
 
 
-def test_a_longer_overlap_asked_for_means_smaller_rotations() -> None:
-    def rotation(overlap_area_m2: float) -> float:
-        config = Config(planning=PlanningConfig(overlap_area_m2=overlap_area_m2))
-        made = integration(config)
-        return max(side.rotation_deg for side in made.plan(started(made, 0).document).sides)
-
-    assert rotation(0.005) > rotation(0.03)
-
-
-def test_the_work_can_be_cancelled_through_the_progress() -> None:
-    made = integration()
-
-    def cancel(_share: float, _text: str) -> None:
-        raise CancelledError
-
-    state = apply(SessionState(len(STEPS)), Start())
-    with pytest.raises(CancelledError):
-        made.answer(state.document, state.request, cancel)  # type: ignore[arg-type]
-
-
 def test_without_masks_or_axis_the_notes_say_so() -> None:
     made = Integration(Cylinder(angles_deg=(0.0,), masks=False, rotation_axis=None, held_point_m=None))
     assert made.axis.estimated
@@ -325,11 +305,6 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     same = made.canonical(kept.document).view.placement_std_m
     assert same is not None
     np.testing.assert_array_equal(same[view.valid], before)
-
-
-def test_the_paper_knows_no_cloth_to_take_apart() -> None:
-    made = shared("paper")
-    assert made.cloth(started(made, 0).document) is None
 
 
 def test_samples_are_as_far_apart_for_a_camera_that_is_near() -> None:

@@ -191,11 +191,6 @@ def test_picks_are_marked_on_the_shape(session: OpenedSession) -> None:
     assert "3" not in text  # it does not lie on the shape
 
 
-def test_a_decision_by_hand_has_its_picture_only(session: OpenedSession) -> None:
-    kinds = [[f.name.rsplit("-", 1)[1] for f in of_decision(session, d)] for d in session.history.decisions]
-    assert kinds == [["overlay"], ["overlay"], ["overlay", "plan"]]
-
-
 def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedSession) -> None:
     class Otherwise:
         """The integration of the session, with plans that know no sides."""

@@ -40,7 +40,6 @@ from flatcloth.session.machine import (
     Proposed,
     SessionState,
     Side,
-    Start,
 )
 from flatcloth.session.store import SessionFolder
 
@@ -153,14 +152,6 @@ def test_damage_before_the_end_is_named_by_its_line(
     assert (place / "journal.jsonl").read_bytes() == damaged
     with pytest.raises(JournalError, match=cause):
         opened(place)
-
-
-def test_an_illegal_command_and_a_late_answer_leave_no_line(played: SessionFolder, place: Path) -> None:
-    before = (place / "journal.jsonl").read_bytes()
-    with pytest.raises(IllegalDecisionError):
-        played.record(Start())
-    played.record(Proposed(1, 5, Rigid2()))
-    assert (place / "journal.jsonl").read_bytes() == before
 
 
 def test_numbers_and_names_that_cannot_be_read_back_are_refused(place: Path) -> None:

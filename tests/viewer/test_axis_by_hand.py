@@ -165,13 +165,6 @@ def test_an_axis_that_cannot_be_kept_or_comes_amid_work_is_refused() -> None:
 # --- the session -----------------------------------------------------------------------------
 
 
-def test_an_axis_survives_its_file(tmp_path: Path) -> None:
-    assert read_axis(tmp_path) is None
-    for axis in (SHIFTED, AXIS):
-        write_axis(tmp_path, axis)
-        assert same(read_axis(tmp_path), axis)
-
-
 def test_an_estimated_axis_belongs_to_the_session_and_a_set_one_replaces_it(tmp_path: Path) -> None:
     bare = Cylinder(angles_deg=(0.0,), rotation_axis=None, held_point_m=None)
     made = Integration(bare)

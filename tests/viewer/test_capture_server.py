@@ -169,20 +169,6 @@ def test_a_tab_sees_the_camera_and_leads_a_capture(
         tab.state_where(lambda s: s["capture"]["phase"] == "done")
 
 
-def test_what_cannot_be_done_is_told(server: PageServer) -> None:
-    cases: list[tuple[dict[str, Any], str]] = [
-        ({"type": "capture", "action": "keep"}, "No capture is running"),
-        ({"type": "capture", "action": "dance"}, "action is 'dance'; expected one of: aim, begin, finish"),
-        ({"type": "capture", "action": "aim"}, "only aiming has an angle"),
-        ({"type": "capture", "action": "keep", "angle_deg": 4}, "only aiming has an angle"),
-        ({"type": "do", "action": "step"}, "open a recording to decide"),
-    ]
-    with Tab(server) as tab:
-        for message, told in cases:
-            tab.say(**message)
-            assert told in tab.note()["text"]
-
-
 def test_warnings_come_and_go(server: PageServer, camera: SceneCamera) -> None:
     robot = Robot(server)
     with Tab(server):
@@ -237,27 +223,6 @@ def test_bad_options_are_one_line(
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
-
-
-def test_the_page_of_a_played_file_is_served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from realsense_files import turning, write_realsense
-
-    from flatcloth.viewer.server import app
-
-    file = write_realsense(tmp_path / "still.db3", turning(lambda _t: 0.0, 1.0))
-    served: list[dict[str, Any]] = []
-
-    def look(first: Callable[[], Any], **_options: Any) -> None:
-        with PageServer(first(), port=0) as server:
-            served.append(Robot(server).until(lambda s: s["ended"] or s["camera_fps"]))
-
-    monkeypatch.setattr(app, "serve", look)
-    monkeypatch.chdir(tmp_path)
-    assert main(["view", "--camera", str(file), "--step", "15"]) == 0
-    (status,) = served
-    assert (status["camera"], status["step_deg"]) == ("still.db3", 15.0)
-    assert status["folder"].startswith("recording-")
-    assert not Path(status["folder"]).exists()  # nothing is written before a capture begins
 
 
 def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:

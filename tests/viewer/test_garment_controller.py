@@ -218,12 +218,6 @@ def test_while_auto_changes_the_shape_nothing_is_decided_by_the_garment_of_an_ea
     assert page.decide(asked.DecidePiece(label="B", accepted=True)).piece.accepted
 
 
-def test_the_garment_is_recognised_again_when_the_views_of_the_shape_change(page) -> None:
-    page.follow()
-    page.controller.follow(dataclasses.replace(TWO_VIEWS, start_view=5), busy=False)
-    assert page.controller.info().working
-
-
 @pytest.fixture
 def doubted(service):
     part = service.cloth.uv_m[:, 0] > 0.05

@@ -347,13 +347,3 @@ def test_no_file_outside_the_root_is_read_for_a_session(
     header.write_text(header.read_text().replace("~/secret", "a\\u0000b"))
     with pytest.raises(RecordingError, match="Give the name of a file"):
         Places(root).chosen("folder", "session")
-
-
-def test_what_a_source_was_opened_with_is_read_again() -> None:
-    options = SourceOptions(angles=Path("a.csv"), camera_file=Path("k.json"), fov_deg=(60.0, 45.0))
-    told = json.loads(json.dumps(options.again().to_dict()))
-    assert SourceOptions.from_dict(told, "session.json") == SourceOptions(
-        angles=Path("a.csv").absolute(), camera_file=Path("k.json").absolute()
-    )
-    turned = SourceOptions(fov_deg=(60.0, 45.0), step_deg=-10.0)
-    assert SourceOptions.from_dict(json.loads(json.dumps(turned.again().to_dict())), "session.json") == turned

@@ -101,14 +101,6 @@ def test_an_unexpected_error_is_told_and_pauses(
     assert following.picture is not None
 
 
-def test_stopping_ends_the_waiting(frames: LiveFrames) -> None:
-    frames.hold()
-    with ThreadPoolExecutor(1) as tab:
-        waiting = tab.submit(frames.after, 0)
-        frames.stop()
-        assert waiting.result() is None
-
-
 # --- the page ---------------------------------------------------------------------------------------
 
 

@@ -11,14 +11,11 @@ from route_client import RouteClient
 from viewer_fakes import PIXEL_M, CylinderIntegration, cylinder_view
 
 from flatcloth.api.integrating import flatten
-from flatcloth.core.errors import FlatclothError
 from flatcloth.recordings import open_recording
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.layers import (
-    DIFFERENCES,
     SCALARS,
     Appearance,
-    difference_legend,
     difference_rgba,
     legend,
     rgba,
@@ -88,15 +85,6 @@ def test_the_proposal_is_shown_in_the_colours_of_the_shape(client, shown):
     assert image_of(client.get("/overlay/7.png"))[overlay.valid][0, 1] == 120
 
 
-def test_the_proposals_colours_span_the_shapes_range():
-    axis = CylinderIntegration().axis
-    half = cylinder_view({0: 0.0})
-    half.valid[30:] = False
-    like = rgba(half, "height", axis, 12, like=VIEW)
-    np.testing.assert_array_equal(like[:30], rgba(VIEW, "height", axis, 12)[:30])
-    assert not np.array_equal(like, rgba(half, "height", axis, 12))
-
-
 def test_differences_are_mapped_over_the_common_cloth_only(client, shown):
     overlay = shown.picture.overlay.view
     image = image_of(client.get("/difference/3-7/position.png"))
@@ -157,12 +145,6 @@ def test_a_picture_is_encoded_once(client, shown):
     first = client.get("/difference/3-7/height.png").content
     shown.picture.overlay.view = None  # would fail if it were looked at again
     assert client.get("/difference/3-7/height.png").content == first
-
-
-def test_unknown_differences_are_told():
-    with pytest.raises(FlatclothError, match="Unknown difference 'smell'"):
-        difference_legend("smell")
-    assert [difference_legend(kind)["kind"] for kind in DIFFERENCES] == ["ramp"] * 3
 
 
 def test_a_heat_map_saturates_at_its_legend():
