@@ -47,10 +47,6 @@ def test_the_stops_of_a_film_are_found_and_their_frames_averaged(source, tmp_pat
         film[STOPS]
 
 
-def test_what_comes_after_a_whole_turn_is_left_out(tmp_path: Path) -> None:
-    assert open_recording(tum(tmp_path / "film"), step_deg=180).angles_deg == (0.0, 180.0)
-
-
 def test_a_frame_that_shows_nothing_does_not_end_a_stop(tmp_path: Path) -> None:
     place = tum(tmp_path / "film")
     blank = np.zeros((CAMERA.height, CAMERA.width), dtype=np.uint16)
