@@ -13,7 +13,7 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from page_tabs import WAIT_S, Tab, get, get_frame, post
+from page_tabs import WAIT_S, Tab, get, post
 from scene_camera import SceneCamera, opened
 
 from flatcloth.cli import main
@@ -139,34 +139,6 @@ def test_what_is_not_understood_is_refused_with_the_reason(server: PageServer) -
 
 
 # --- tabs ------------------------------------------------------------------------------------------
-
-
-def test_a_tab_sees_the_camera_and_leads_a_capture(
-    server: PageServer, camera: SceneCamera, tmp_path: Path
-) -> None:
-    with Tab(server) as tab:
-        state = tab.state_where(lambda s: True)
-        assert (state["mode"], state["recording"]["name"]) == ("camera", camera.name)
-        assert state["notes"] == list(camera.notes)
-        assert state["capture"]["phase"] == "idle"
-        assert get_frame(server)["image"].shape[2] == 4
-        tab.say(type="capture", action="begin")
-        tab.until(lambda m: m["type"] == "capture" and m["phase"] == "take")
-        state = tab.state_where(lambda s: s["capture"]["phase"] == "review")
-        why_not = {a["name"]: a["why_not"] for a in state["actions"] if a["mode"] == "capture"}
-        assert why_not["capture_keep"] is why_not["capture_repeat"] is None
-        assert why_not["capture_turned"]
-        tab.say(type="capture", action="aim", angle_deg=2.0)
-        tab.say(type="capture", action="keep")
-        state = tab.state_where(lambda s: s["views"])
-        refused = {a["name"] for a in state["actions"] if a["why_not"] and a["group"] in ("page", "view")}
-        assert refused == {"teach", "export", "source_image", "source_mask", "source_states"}
-        assert [(v["angle_deg"], v["why_not"]) for v in state["views"]] == [(2.0, "It is on disk.")]
-        assert open_recording(tmp_path / "coat").angles_deg == (2.0,)
-        tab.say(type="capture", action="turned")
-        tab.state_where(lambda s: s["capture"]["phase"] == "settle")
-        tab.say(type="capture", action="finish")
-        tab.state_where(lambda s: s["capture"]["phase"] == "done")
 
 
 def test_warnings_come_and_go(server: PageServer, camera: SceneCamera) -> None:

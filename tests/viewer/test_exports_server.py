@@ -60,26 +60,6 @@ def shown(tab: Tab) -> dict:
     return tab.state_where(lambda s: s["pick"])["pick"]
 
 
-def test_the_axis_is_turned_by_hand_and_laid_along_the_outline_again(server: PageServer, place: Path) -> None:
-    with Tab(server) as tab:
-        before = shown(tab)["grip"]
-        tab.say(type="grip", id=1, axis_deg=30.0)
-        by_hand = tab.state_where(lambda s: s["pick"]["grip"]["axis_from"] == "hand")["pick"]["grip"]
-        assert by_hand["axis_deg"] == pytest.approx(30.0, abs=0.5)
-        assert by_hand["opening_m"] == before["opening_m"]
-        tab.say(type="grip", id=1, opening_m=0.025)
-        both = tab.state_where(lambda s: s["pick"]["grip"]["opening_m"] == 0.025)["pick"]["grip"]
-        assert both["axis_held"] == by_hand["axis_held"]
-        kept = json.loads((place / "grips.json").read_text())["grips"]["1"]
-        # Kept as it was meant; the pose has the part of it that lies across the approach.
-        assert kept == {"axis_held": pytest.approx(both["axis_held"], abs=0.02), "opening_m": 0.025}
-        exported = get(server, "/export/grasps.json", timeout=120).json()["grasps"][0]["grip"]
-        assert (exported["axis_from"], exported["opening_m"]) == ("hand", 0.025)
-        tab.say(type="grip", id=1, outline=True)
-        again = tab.state_where(lambda s: s["pick"]["grip"]["axis_from"] == "outline")["pick"]["grip"]
-        assert again["axis_held"] == before["axis_held"]
-
-
 def test_a_grip_that_is_none_is_told_and_changes_nothing(server: PageServer, place: Path) -> None:
     before = (place / "grips.json").read_bytes()
     with Tab(server) as tab:

@@ -24,7 +24,7 @@ from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, recognise
 from flatcloth.methods.answers import Canonical, DoubtedJoint, JoinedSides
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.garment import DecidePiece, HoldPoint, SetKind, without_doubts
+from flatcloth.session.garment import DecidePiece, without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.protocol import messages as asked
@@ -178,20 +178,6 @@ def test_what_is_not_there_is_refused_in_words(page) -> None:
     unseen = next(p.name for p in page.controller.info().found.points if not p.seen)
     with pytest.raises(FlatclothError, match="predicted only"):
         page.controller.seen_point(unseen)
-
-
-def test_points_are_held_on_cloth_and_previewed_for_the_tab_that_asks(page) -> None:
-    page.follow()
-    assert page.decide(asked.SetKind(kind="towel")) == SetKind("towel")
-    assert page.decide(asked.SetKind(kind="none of these")) == SetKind("none of these")
-    held = page.decide(asked.HoldPoint(name="hem_left", u_m=0.1, v_m=0.2))
-    assert isinstance(held, HoldPoint)
-    assert held.point.uv_m == (0.1, 0.2)
-    page.controller.preview(7, asked.PreviewPoint(id=3, name="hem_left", u_m=0.1, v_m=0.2), TWO_VIEWS)
-    assert page.heard.wait(20)
-    (answer,) = page.answers
-    assert (answer["type"], answer["id"]) == ("garment_preview", 3)
-    assert next(p for p in answer["points"] if p["name"] == "hem_left")["uv_m"] == (0.1, 0.2)
 
 
 def test_nothing_is_recognised_of_one_view_or_while_auto_runs_and_a_reason_is_told(page, service) -> None:

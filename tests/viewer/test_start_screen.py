@@ -92,14 +92,6 @@ def opened(server: PageServer, kind: str, name: str = "") -> httpx.Response:
     return post(server, "/start/open", json={"kind": kind, "name": name})
 
 
-def test_without_a_recording_the_page_is_the_start_screen(empty: PageServer) -> None:
-    assert "Recent sessions" in get(empty, "/").text
-    assert get(empty, "/layers/1/color.png").status_code == 409
-    offer = get(empty, "/start/places.json").json()
-    assert [e["name"] for e in offer["examples"]] == list(sample_recordings())
-    assert (offer["sessions"], offer["root"], offer["current"]) == ([], "root", None)
-
-
 def test_what_was_open_is_freed_at_the_switch_also_if_its_tab_stays(
     empty: PageServer,
 ) -> None:

@@ -14,7 +14,6 @@ from flatcloth.api.integrating import flatten
 from flatcloth.recordings import open_recording
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.layers import (
-    SCALARS,
     Appearance,
     difference_rgba,
     legend,
@@ -133,12 +132,6 @@ def test_a_look_that_cannot_be_is_one_clear_line(client, query):
     assert answer.status_code == 400
     assert "\n" not in answer.text
     assert "rainbow" in answer.text or "0 <= low" in answer.text
-
-
-def test_the_page_is_told_the_maps_it_can_choose_from(client):
-    told = client.get("/colormaps.json").json()
-    assert set(told) == set(MAPS) >= {layer.map for layer in SCALARS.values()}
-    assert all(len(m["colors"]) == 17 and m["title"] for m in told.values())
 
 
 def test_a_picture_is_encoded_once(client, shown):

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterator
-from typing import Any
 
 import cv2
 import httpx
 import numpy as np
 import pytest
-from page_tabs import Tab, get
-from scenes import CAMERA, Cylinder
+from page_tabs import get
+from scenes import Cylinder
 
 from flatcloth.engine.integration import Integration
 from flatcloth.session.store import SessionFolder
@@ -39,22 +37,6 @@ def decoded(answer: httpx.Response) -> np.ndarray:
     return image
 
 
-def picked(server: PageServer) -> dict[str, Any]:
-    """Pick the middle of the start view."""
-    with Tab(server) as tab:
-        grid = tab.ready()["layers"]
-        size, (u, v) = grid["pixel_size_m"], grid["origin_uv_m"]
-        tab.say(type="pick", u_m=u + size * grid["cols"] / 2, v_m=v + size * grid["rows"] / 2)
-        return tab.state_where(lambda s: s["pick"])["pick"]
-
-
-def test_the_color_of_a_view_is_what_the_recording_has(server: PageServer) -> None:
-    shown = decoded(get(server, "/source/1/color.jpg"))[..., ::-1].astype(float)
-    true = Cylinder(angles_deg=ANGLES_DEG)[1].color
-    assert shown.shape == true.shape
-    assert np.median(np.abs(shown - true)) < 4
-
-
 def test_the_mask_shades_what_is_not_the_item(server: PageServer) -> None:
     cover = decoded(get(server, "/source/0/mask.png"))
     mask = Cylinder(angles_deg=ANGLES_DEG)[0].mask
@@ -65,75 +47,11 @@ def test_the_mask_shades_what_is_not_the_item(server: PageServer) -> None:
     assert (cover[int(rows.mean()), cols.min() - 1, :3] == (60, 210, 255)).all()  # its outline, B G R
 
 
-def test_what_became_of_a_views_pixels_is_shown_and_told(server: PageServer) -> None:
-    with Tab(server) as tab:
-        state = tab.ready()
-        revision, start = state["layers"]["revision"], state["start_view"]
-    mask = Cylinder(angles_deg=ANGLES_DEG)[start].mask
-    assert mask is not None
-    image = decoded(get(server, f"/source/{start}/states-{revision}.png"))
-    assert (image[~mask, 3] > 100).all()
-    assert (image[mask, 3] == 0).mean() > 0.8  # cloth of the shape stays as it is
-    told = {row["state"]: row for row in get(server, f"/source/{start}/states-{revision}.json").json()}
-    assert told["shape"]["share"] > 0.8
-    assert told["edge"]["text"] == "beside a depth jump or an outline"
-    behind = {row["state"] for row in get(server, f"/source/4/states-{revision}.json").json()}
-    assert "not_used" in behind
-    for address in (
-        f"{start}/states-{revision + 1}.png",
-        f"9/states-{revision}.png",
-        f"0/states-{revision}.gif",
-    ):
-        assert get(server, f"/source/{address}").status_code == 410
-
-
 def test_a_view_or_a_pick_that_does_not_exist_is_said(server: PageServer) -> None:
     answer = get(server, "/source/6/color.jpg")
     assert (answer.status_code, answer.text) == (404, "View 6 does not exist.")
     assert get(server, "/source/-1/color.jpg").status_code == 404
     assert get(server, "/source/seen/9.json").status_code == 404
-
-
-def test_a_pick_is_shown_in_the_views_that_saw_it(server: PageServer) -> None:
-    pick = picked(server)
-    found = get(server, f"/source/seen/{pick['id']}.json").json()
-    by_view = {one["view_index"]: one for one in found["seen"]}
-    start = pick["view_index"]
-    assert by_view[start]["rc"] == pytest.approx(pick["source_rc"], abs=1.0)
-    x, _, z = pick["position_held_m"]
-    around_deg = np.degrees(np.arctan2(x, 0.85 - z))
-    for view, angle in enumerate(ANGLES_DEG):
-        turned = abs((around_deg + angle + 180) % 360 - 180)
-        if turned < 60:
-            assert view in by_view
-        if turned > 100:
-            assert view not in by_view
-    assert found["n_views"] == len(ANGLES_DEG) == len(found["seen"]) + sum(found["hidden"].values())
-    assert found["hidden"]["faces away"] >= 1
-    thumb = base64.b64decode(by_view[start]["thumb"].partition(",")[2])
-    assert cv2.imdecode(np.frombuffer(thumb, np.uint8), cv2.IMREAD_COLOR).shape == (72, 72, 3)
-
-
-def test_hovering_tells_the_pixel_in_the_view_that_is_shown(server: PageServer) -> None:
-    with Tab(server) as tab:
-        grid = tab.ready()["layers"]
-        size, (u, v) = grid["pixel_size_m"], grid["origin_uv_m"]
-        place = {"u_m": u + size * grid["cols"] / 2, "v_m": v + size * grid["rows"] / 2}
-        for number, view in enumerate((0, 1, 4, 99)):
-            tab.say(type="hover", id=number, view=view, **place)
-            answer = tab.until(lambda m, n=number: m["type"] == "hover" and m["id"] == n)
-            source, shape = answer["source"], answer["shape"]
-            if view == shape["view_index"]:
-                assert source == {"view_index": view, "rc": shape["source_rc"]}
-            elif view == 1:
-                x, _, z = np.array(shape["xyz_mm"]) / 1000
-                a = np.arctan2(x, 0.85 - z) + np.radians(30.0)
-                place_m = np.array([0.12 * np.sin(a), 0.85 - 0.12 * np.cos(a)])
-                assert source["rc"][1] == pytest.approx(
-                    CAMERA.fx * place_m[0] / place_m[1] + CAMERA.cx, abs=1.5
-                )
-            else:
-                assert source is None  # on the far side; no such view
 
 
 def test_a_crop_at_the_border_is_filled_up() -> None:
