@@ -21,7 +21,7 @@ from batch_sources import add_misbehaving_format, write_cylinders
 
 from flatcloth.batch import engines
 from flatcloth.batch.drive import owned
-from flatcloth.batch.rows import COLUMNS, read_row, rows_in
+from flatcloth.batch.rows import COLUMNS, rows_in
 from flatcloth.cli import main
 from flatcloth.core.errors import FlatclothError
 from flatcloth.recordings import registry
@@ -326,12 +326,6 @@ def test_what_cannot_be_done_is_one_line(
     said = capsys.readouterr().err.strip()
     assert cause in said
     assert "\n" not in said
-
-
-def test_a_damaged_row_is_no_row(tmp_path: Path) -> None:
-    for text in ("{", "[]", "{}", '{"format": "other"}'):
-        (tmp_path / "row.json").write_text(text)
-        assert read_row(tmp_path) is None
 
 
 def test_evaluate_gives_the_same_figures_on_the_engine(

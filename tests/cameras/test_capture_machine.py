@@ -66,14 +66,6 @@ def test_frames_are_taken_only_after_it_has_hung_still_for_a_while() -> None:
     assert state.taken in (3, 4)
 
 
-def test_what_moves_while_frames_are_taken_begins_anew() -> None:
-    state = seen(capture.begin(10.0), [0.0] * 12)
-    assert state.taken > 0
-    state = seen(state, [4.0])
-    assert (state.phase, state.taken) == (Phase.SETTLE, 0)
-    assert reviewed(state).taken == capture.FRAMES
-
-
 def test_who_turns_before_keeping_need_not_turn_again() -> None:
     state = seen(reviewed(capture.begin(10.0)), TURNED)
     state = capture.keep(state)

@@ -157,13 +157,6 @@ def test_a_nudge_moves_the_overlay_which_is_made_once_for_each_place_and_lowers_
     assert apply(nudged, Accept(view)).document.accepted[-1].fixed
 
 
-def test_the_proposal_of_a_resumed_session_is_the_same() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose())
-    again = integration().proposal(state.document)
-    assert again.alignment.current_from_new == made.proposal(state.document).alignment.current_from_new
-
-
 def test_any_view_can_be_asked_for_by_hand() -> None:
     made = shared("paper")
     state = done(made, started(made, 0), Propose(2))

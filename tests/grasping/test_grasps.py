@@ -91,13 +91,6 @@ def test_a_click_into_a_hole_takes_the_cloth_beside_it() -> None:
     assert grasp.miss_m == pytest.approx(0.009)
 
 
-def test_every_valid_pixel_gives_itself() -> None:
-    view = cylinder()
-    for row, col in zip(*np.nonzero(view.valid), strict=True):
-        u_m, v_m = view.uv_from_rc(np.array([row, col]))
-        assert grasp_at(view, (float(u_m), float(v_m))).rc == (row, col)
-
-
 def test_nothing_flattened_and_places_that_are_no_places_are_refused() -> None:
     with pytest.raises(FlatclothError, match="Nothing is flattened yet"):
         grasp_at(empty(), (0.0, 0.0))
