@@ -45,12 +45,6 @@ def started(made: Integration, view: int | None = None) -> SessionState:
     return done(made, SessionState(len(made.recording)), Start(view))
 
 
-def test_the_start_view_is_the_one_with_the_largest_observed_area() -> None:
-    made = integration(span_deg=(-20.0, 100.0))
-    # The cloth is centred at 40 deg: it faces the camera when the item is turned by -40 deg.
-    assert STEPS[started(made).document.start_view or 0] == pytest.approx(320.0)
-
-
 def test_a_view_that_is_planned_has_its_reason_though_it_was_chosen_by_hand_before() -> None:
     made = integration()
     begun = started(made)
@@ -155,17 +149,6 @@ def test_a_nudge_moves_the_overlay_which_is_made_once_for_each_place_and_lowers_
     # Taken back, it lies where it was.
     np.testing.assert_array_equal(made.overlay(apply(nudged, Undo()).document).valid, before.valid)
     assert apply(nudged, Accept(view)).document.accepted[-1].fixed
-
-
-def test_any_view_can_be_asked_for_by_hand() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose(2))
-    pending = state.document.pending
-    assert pending is not None
-    assert (pending.view_index, pending.side) == (2, Side.LEFT)
-    state = done(made, started(made, 0), Propose(17))
-    assert state.document.pending.side is Side.RIGHT  # type: ignore[union-attr]
-    assert made.proposal(state.document).plan is None
 
 
 def test_a_view_of_the_other_side_is_passed_over_with_its_reason() -> None:
@@ -323,14 +306,3 @@ def test_a_folded_view_is_neither_begun_with_nor_proposed() -> None:
     state = apply(started(made, 0), Propose(1))
     with pytest.raises(FlatclothError, match=r"View 1: .*folded.*another view"):
         made.answer(state.document, state.request)  # type: ignore[arg-type]
-
-
-def test_the_cloud_of_a_view_lies_in_the_held_frame() -> None:
-    made = shared("paper")
-    for view in (0, 3):
-        cloud = made.views.cloud(view)
-        offset = cloud.xyz_m - made.axis.point_m
-        np.testing.assert_allclose(np.hypot(offset[:, 0], offset[:, 2]), 0.12, atol=1e-4)
-        assert len(cloud.rgb) == len(cloud.xyz_m) == len(cloud.of_interest)
-    inside = np.degrees(np.arctan2(offset[:, 0], -offset[:, 2]))
-    assert np.abs(inside).max() <= 100.5

@@ -14,7 +14,7 @@ from viewer_fakes import point_on_cylinder
 from flatcloth.core.errors import FlatclothError, FlatteningError, JournalError
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.paper.merging import shows
-from flatcloth.session.machine import Accept, Cancel, Followed, Nudge, PlacedPart, Reject, Reopen
+from flatcloth.session.machine import Cancel, Followed, Nudge, PlacedPart, Reject, Reopen
 from flatcloth.viewer.modes.controller import MOST_WAITING
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
@@ -195,19 +195,6 @@ def test_what_a_tab_says_leads_to_what_all_are_told(server, integration, given, 
             leads_to(tab, said, told)
 
 
-def test_each_decision_is_kept_as_it_was_made(server, folder) -> None:
-    with Tab(server) as tab:
-        for said, told in REOPENED:
-            leads_to(tab, said, told)
-        leads_to(tab, do("undo"), {"pending": None})
-        leads_to(tab, do("redo"), {"pending.again": True})
-        leads_to(tab, do("skip", 1), {"n_later": 0, "phase": "ready"})
-    names = [type(command).__name__ for command in folder.recorded]
-    assert names[:5] == ["Start", "Started", "Propose", "Proposed", "Accept"]
-    assert names[11:] == ["Reopen", "Undo", "Redo", "Skip", "Followed", "Followed"]
-    assert folder.recorded[4] == Accept(1, pytest.approx(0.8))
-
-
 def test_a_part_that_accepting_also_places_is_shown_where_no_other_view_has_cloth(
     server, integration
 ) -> None:
@@ -326,20 +313,6 @@ def test_hovering_tells_all_attributes(server) -> None:
         "rc", "uv_mm", "rgb", "xyz_mm", "height_mm", "normal", "z_angle_deg", "z_angle_now_deg", "view_index",
         "source_rc", "density_px_cm2", "incidence_deg", "stretch", "placement_std_mm", "error_mm",
     }  # fmt: skip
-
-
-def test_a_measure_is_answered_with_its_three_lengths(server) -> None:
-    with Tab(server) as tab:
-        tab.ready()
-        tab.say(type="measure", id=3, from_u_m=-0.1, from_v_m=0.15, to_u_m=0.1, to_v_m=0.15)
-        answer = tab.until(lambda m: m["type"] == "measured")
-        tab.say(type="measure", id=4, from_u_m=-0.1, from_v_m=0.15, to_u_m=5.0, to_v_m=0.15)
-        off = tab.until(lambda m: m["type"] == "measured")
-    assert (answer["id"], answer["flat_mm"]) == (3, pytest.approx(200.0))
-    assert answer["cloth_mm"] == pytest.approx(200.0, rel=0.005)
-    assert answer["air_mm"] < 190.0
-    assert len(answer["path_uv_m"]) == 2
-    assert (off["cloth_mm"], off["air_mm"], off["path_uv_m"]) == (None, None, [])
 
 
 # --- repair -----------------------------------------------------------------------------------------

@@ -5,14 +5,11 @@ from __future__ import annotations
 import gc
 import json
 import os
-import sys
 import threading
 import time
 import weakref
 from collections.abc import Iterator
-from importlib.machinery import ModuleSpec
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import httpx
@@ -260,14 +257,6 @@ def test_a_session_with_a_folder_elsewhere_is_offered_again(
     assert chosen.session is not None
     assert chosen.session.resolve() == elsewhere
     assert Places(root).place_of(elsewhere) == {"kind": "session", "name": told["name"]}
-
-
-def test_the_robot_cell_says_beforehand_what_it_needs(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "open3d", ModuleType("open3d"))
-    sys.modules["open3d"].__spec__ = ModuleSpec("open3d", None)
-    assert Places(root).plain()["cell"] == ""
-    monkeypatch.setattr("flatcloth.viewer.places.find_spec", lambda name: None)
-    assert "pip install 'flatcloth[synthesis]'" in Places(root).plain()["cell"]
 
 
 def test_a_session_below_the_root_cannot_name_a_recording_elsewhere(root: Path, tmp_path: Path) -> None:
