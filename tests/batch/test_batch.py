@@ -84,7 +84,7 @@ def test_a_batch_makes_sessions_and_a_table_and_goes_on_where_it_was(
 
     # What is done is not done again; what failed is tried again, and is told again.
     times = began(out)
-    assert main(["batch", str(sources), "--out", str(out)]) == 2
+    assert main(["batch", str(sources), "--out", str(out), "--jobs", "1"]) == 2
     said = capfd.readouterr()
     assert "2 were done before" in said.out
     assert "1 of 3 are not done" in said.err
