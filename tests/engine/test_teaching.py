@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from scenes import Cylinder
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import AlignmentError, CancelledError, ConfigError
-from flatcloth.core.types import RgbdFrame, Rigid2
+from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import KEPT, NEW, NEW_OF_BOTH, OLD_OF_BOTH, Parameters, Teaching, paper_config
 from flatcloth.methods.registry import method_names
@@ -20,20 +20,9 @@ ANGLES_DEG = tuple(10.0 * n for n in range(36))
 CLOTH = {"angles_deg": ANGLES_DEG, "span_deg": (-150.0, 60.0)}
 
 
-@dataclass
-class CountingCylinder(Cylinder):
-    """Remembers which of its views were read."""
-
-    read: list[int] = field(default_factory=list)
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        self.read.append(view_index)
-        return super().__getitem__(view_index)
-
-
 @pytest.fixture(scope="module")
 def session() -> Integration:
-    return Integration(CountingCylinder(**CLOTH))
+    return Integration(Cylinder(**CLOTH))
 
 
 @pytest.fixture(scope="module")
@@ -70,15 +59,6 @@ def test_the_configuration_is_the_papers_with_the_learners_numbers():
     assert config.flattening.least_core_samples == 0
     assert (config.planning.z_angle_limit_deg, config.planning.overlap_area_m2) == (35.0, 0.01)
     assert (config.surface, config.alignment) == (base.surface, base.alignment)
-
-
-def test_frames_are_read_once_for_the_session_and_the_lessons():
-    recording = CountingCylinder(**CLOTH)
-    session = Integration(recording)
-    session.views.flattening(0)
-    lessons = Teaching(session)
-    lessons.alignment(0, lessons.defaults)
-    assert recording.read.count(0) == 1
 
 
 def test_every_neighbour_is_a_pair_or_an_unused_pair(teaching):

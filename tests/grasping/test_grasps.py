@@ -10,7 +10,7 @@ import pytest
 from garment_evidence import blank_view
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import object_from_camera, rotation_about
+from flatcloth.core.geometry import rotation_about
 from flatcloth.core.types import FlattenedView, RotationAxis
 from flatcloth.grasping.grasps import (
     OPENING_M,
@@ -278,15 +278,6 @@ def test_a_pick_that_is_not_on_the_shape_has_a_level_axis_and_no_uncertainty() -
 @pytest.mark.parametrize("normal", [[math.nan, 0, 0], [0, 0, 0]])
 def test_without_a_normal_there_is_no_pose(normal: list[float]) -> None:
     assert grasp_pose(flat_sheet(60, 60), np.array([0.06, 0.06, 0.8]), np.array(normal), AXIS) is None
-
-
-def test_the_pose_in_the_camera_frame_turns_with_the_item() -> None:
-    pose = picked(cylinder(), 0.10, 0.03)
-    for angle_deg in (0.0, 40.0, -170.0):
-        moved = pose.camera_from_grasp(AXIS, angle_deg)
-        back = object_from_camera(AXIS, angle_deg) @ moved
-        np.testing.assert_allclose(back.rotation, pose.object_from_grasp.rotation, atol=1e-12)
-        np.testing.assert_allclose(back.translation_m, pose.object_from_grasp.translation_m, atol=1e-12)
 
 
 def test_the_gripper_is_drawn_outside_with_its_fingers_across_the_axis() -> None:

@@ -109,21 +109,15 @@ def service():
 class Page:
     """Stands for the session's thread; jobs are done at once."""
 
-    def __init__(self, service, put=lambda job: job()) -> None:
+    def __init__(self, service) -> None:
         self.told = threading.Event()
-        self.answers: list[dict] = []
-        self.heard = threading.Event()
-        self.executor = Executor(put)
-        self.garments, self.tabs, self.publish = service, self, self.told.set
+        self.executor = Executor(lambda job: job())
+        self.garments, self.publish = service, self.told.set
         self.controller = GarmentController(cast("Any", self))
         self.doubts = 0
 
     def draw_again(self) -> None:
         self.doubts += 1
-
-    def tell(self, _client, message) -> None:
-        self.answers.append(msgspec.to_builtins(message))
-        self.heard.set()
 
     def follow(self, document: Document = TWO_VIEWS):
         self.told.clear()
