@@ -33,7 +33,7 @@ def with_camera(integration, session, feed, settings) -> Opened:
 
 @pytest.fixture
 def camera() -> SceneCamera:
-    return SceneCamera(fps=30.0)
+    return SceneCamera()
 
 
 @pytest.fixture
@@ -198,7 +198,7 @@ def test_bad_options_are_one_line(
 
 
 def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
-    camera = SceneCamera(fps=30.0)
+    camera = SceneCamera()
     camera.depth_scale_m = 0.0001  # the camera says so, and means a thousandth
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)

@@ -106,7 +106,7 @@ def test_an_unexpected_error_is_told_and_pauses(
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[PageServer]:
-    feed, integration, session = opened(SceneCamera(fps=30.0), tmp_path / "session")
+    feed, integration, session = opened(SceneCamera(), tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat")
     controller = functools.partial(CaptureApplication, integration, session, feed=feed, settings=settings)
     with PageServer(Opened(integration, session, controller=controller), port=0) as running:
