@@ -12,13 +12,15 @@ import pytest
 from exported_sessions import cylinder_session, write_cylinder
 from scenes import sheet
 
+from flatcloth.core.cache import size_in_bytes
 from flatcloth.core.errors import JournalError, RecordingError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.result import at_step
+from flatcloth.engine.sheet import lay_out
 from flatcloth.export.figures import picture_before
 from flatcloth.export.growth import grow
-from flatcloth.export.kept import Kept, key_of
+from flatcloth.export.kept import Kept, colors_of, key_of
 from flatcloth.export.report import _floating
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.garments.deciding import placed_piece
@@ -205,3 +207,17 @@ def test_what_is_kept_is_that_of_the_axis_and_of_the_decisions(session: OpenedSe
     # What happened after a shape does not change it.
     later = replace(document, pending=None, finished="done")
     assert key_of(axis, later) == key_of(axis, document)
+
+
+def test_a_kept_sheet_has_the_colors_and_pieces_of_the_sheet_and_takes_little() -> None:
+    main, piece = sheet(0, 0, 40, 0.0), sheet(1, 0, 30, 0.0)
+    far = replace(piece, origin_uv_m=(12.0, 3.0))
+    whole = lay_out(Canonical(view=main, current_from_view={}, floating=(far,)))
+    back = colors_of(whole)
+    assert (back.view.valid == whole.view.valid).all()
+    assert (back.view.rgb == whole.view.rgb).all()
+    assert (back.piece == whole.piece).all()
+    at, far_off = np.array([0.02, 0.02]), Rigid2(0.0, 12.0, 3.0)
+    assert back.shown(far_off, at) == whole.shown(far_off, at) != far_off
+    assert (back.view.origin_uv_m, back.pieces[0].label) == (whole.view.origin_uv_m, "B")
+    assert size_in_bytes(back) < 0.3 * size_in_bytes(whole)

@@ -8,6 +8,7 @@ import importlib.util
 import io
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -110,6 +111,27 @@ def test_the_example_client_turns_until_the_end_and_what_becomes_known_is_pushed
     assert (last["kind"], last["revision"]) == ("towel", 3)
     names = {point["name"] for point in last["points"]}  # of one end: which is the first one, nothing tells
     assert names in ({"corner_0", "corner_1"}, {"corner_2", "corner_3"})
+
+
+def test_a_server_that_is_killed_between_two_views_goes_on_with_the_next_angle(
+    tmp_path: Path, sheet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port, out = free_port(), tmp_path / "out"
+    processes = [started(out, sheet, port, "--budget", "3")]
+    robot, angles = client(monkeypatch), []
+
+    def turn_to(angle_deg: float) -> None:
+        angles.append(angle_deg)
+        if len(angles) == 2:  # one view is taken, the second is not announced yet
+            processes[0].send_signal(signal.SIGKILL)
+            processes[0].wait()
+            processes.append(started(out, sheet, port, "--budget", "3"))
+
+    robot.turn_to = turn_to
+    end = robot.run(f"http://127.0.0.1:{port}")
+    assert end["views"] == 3
+    assert list(open_recording(out / "recording").angles_deg) == angles
+    assert processes[1].wait(timeout=60) == 1
 
 
 def test_poses_of_named_points_are_pushed_once_at_the_rotation_of_the_item(tmp_path: Path) -> None:
