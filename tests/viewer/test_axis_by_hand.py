@@ -101,7 +101,7 @@ def ready(server: PageServer) -> bool:
     return state is not None and state.phase == "ready" and state.layers is not None
 
 
-def test_an_axis_that_cannot_be_kept_or_comes_amid_work_is_refused() -> None:
+def test_an_axis_is_kept_and_shown_unless_it_cannot_be_kept_or_comes_amid_work() -> None:
     integration, folder = Turnable(), Keeping()
     axis = {"right_m": 0.01, "away_m": 0.8, "lean_right_deg": 10.0, "lean_away_deg": 0.0, "apply": True}
     with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:  # type: ignore[arg-type]
@@ -118,8 +118,13 @@ def test_an_axis_that_cannot_be_kept_or_comes_amid_work_is_refused() -> None:
         tab.say(type="do", action="cancel")
         tab.state_where(lambda s: s["phase"] == "ready")
         integration.gate.set()
-    assert integration.turned == []
-    assert folder.kept == []
+        assert integration.turned == folder.kept == []
+        revision = tab.state["layers"]["revision"]
+        tab.say(type="axis", **axis)
+        state = tab.state_where(lambda s: s["layers"]["revision"] > revision)
+    assert (state["axis"]["right_m"], state["axis"]["lean_right_deg"]) == (0.01, pytest.approx(10.0))
+    assert integration.turned == folder.kept
+    np.testing.assert_allclose(folder.kept[0].point_m[[0, 2]], (0.01, 0.8))
 
 
 # --- the session -----------------------------------------------------------------------------
