@@ -263,6 +263,16 @@ def test_every_tab_is_told_the_same_also_one_that_comes_late(server) -> None:
         assert late.state_where(lambda _: True) == first
 
 
+def test_what_is_not_shown_any_more_is_gone(server) -> None:
+    with Tab(server) as tab:
+        tab.proposed()
+    for path, code in (
+        ("layers/99/color.png", 204), ("overlay/99.png", 204), ("difference/99-99/color.png", 204),
+        ("other/99/color.png", 204), ("diagnostics/99-99.json", 410), ("source/0/states-99.png", 410),
+    ):  # fmt: skip
+        assert get(server, f"/{path}").status_code == code, path
+
+
 # --- the cloth under the pointer --------------------------------------------------------------------
 
 

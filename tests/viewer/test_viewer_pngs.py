@@ -67,6 +67,13 @@ def test_a_recording_with_a_kit_shows_the_error_of_each_pixel():
     assert truth_of(open_recording("shirt-sleeve-clean")) is None
 
 
+def test_colors_get_black_and_white_levels(client):
+    image = image_of(client.get("/layers/3/color.png?low=0.2&high=0.6"))
+    red = VIEW.rgb[VIEW.valid][:, 0]
+    expected = np.rint(255 * ((red / 255 - 0.2) / 0.4).clip(0, 1))
+    np.testing.assert_array_equal(image[VIEW.valid][:, 0], expected)
+
+
 def test_the_proposal_is_shown_in_the_colours_of_the_shape(client, shown):
     overlay = shown.picture.overlay.view
     image = image_of(client.get("/overlay/7.png?layer=height"))
