@@ -325,6 +325,20 @@ def test_hovering_tells_all_attributes(server) -> None:
     }  # fmt: skip
 
 
+def test_a_measure_is_answered_with_its_three_lengths(server) -> None:
+    with Tab(server) as tab:
+        tab.ready()
+        tab.say(type="measure", id=3, from_u_m=-0.1, from_v_m=0.15, to_u_m=0.1, to_v_m=0.15)
+        answer = tab.until(lambda m: m["type"] == "measured")
+        tab.say(type="measure", id=4, from_u_m=-0.1, from_v_m=0.15, to_u_m=5.0, to_v_m=0.15)
+        off = tab.until(lambda m: m["type"] == "measured")
+    assert (answer["id"], answer["flat_mm"]) == (3, pytest.approx(200.0))
+    assert answer["cloth_mm"] == pytest.approx(200.0, rel=0.005)
+    assert answer["air_mm"] < 190.0
+    assert len(answer["path_uv_m"]) == 2
+    assert (off["cloth_mm"], off["air_mm"], off["path_uv_m"]) == (None, None, [])
+
+
 # --- repair -----------------------------------------------------------------------------------------
 
 

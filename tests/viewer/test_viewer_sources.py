@@ -8,8 +8,8 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from page_tabs import get
-from scenes import Cylinder
+from page_tabs import Tab, get
+from scenes import CAMERA, Cylinder
 
 from flatcloth.engine.integration import Integration
 from flatcloth.session.store import SessionFolder
@@ -37,6 +37,13 @@ def decoded(answer: httpx.Response) -> np.ndarray:
     return image
 
 
+def test_the_color_of_a_view_is_what_the_recording_has(server: PageServer) -> None:
+    shown = decoded(get(server, "/source/1/color.jpg"))[..., ::-1].astype(float)
+    true = Cylinder(angles_deg=ANGLES_DEG)[1].color
+    assert shown.shape == true.shape
+    assert np.median(np.abs(shown - true)) < 4
+
+
 def test_the_mask_shades_what_is_not_the_item(server: PageServer) -> None:
     cover = decoded(get(server, "/source/0/mask.png"))
     mask = Cylinder(angles_deg=ANGLES_DEG)[0].mask
@@ -52,6 +59,28 @@ def test_a_view_or_a_pick_that_does_not_exist_is_said(server: PageServer) -> Non
     assert (answer.status_code, answer.text) == (404, "View 6 does not exist.")
     assert get(server, "/source/-1/color.jpg").status_code == 404
     assert get(server, "/source/seen/9.json").status_code == 404
+
+
+def test_hovering_tells_the_pixel_in_the_view_that_is_shown(server: PageServer) -> None:
+    with Tab(server) as tab:
+        grid = tab.ready()["layers"]
+        size, (u, v) = grid["pixel_size_m"], grid["origin_uv_m"]
+        place = {"u_m": u + size * grid["cols"] / 2, "v_m": v + size * grid["rows"] / 2}
+        for number, view in enumerate((0, 1, 4, 99)):
+            tab.say(type="hover", id=number, view=view, **place)
+            answer = tab.until(lambda m, n=number: m["type"] == "hover" and m["id"] == n)
+            source, shape = answer["source"], answer["shape"]
+            if view == shape["view_index"]:
+                assert source == {"view_index": view, "rc": shape["source_rc"]}
+            elif view == 1:
+                x, _, z = np.array(shape["xyz_mm"]) / 1000
+                a = np.arctan2(x, 0.85 - z) + np.radians(30.0)
+                place_m = np.array([0.12 * np.sin(a), 0.85 - 0.12 * np.cos(a)])
+                assert source["rc"][1] == pytest.approx(
+                    CAMERA.fx * place_m[0] / place_m[1] + CAMERA.cx, abs=1.5
+                )
+            else:
+                assert source is None  # on the far side; no such view
 
 
 def test_a_crop_at_the_border_is_filled_up() -> None:
