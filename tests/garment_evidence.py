@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from flatcloth.core.types import FlattenedView, Rigid2
@@ -56,12 +59,12 @@ def evidence_from(
     )
 
 
-def blank_view(valid: np.ndarray, pixel_size_m: float = 0.002) -> FlattenedView:
-    """Return a flat sheet 0.85 m in front of the camera, its plane parallel to the image."""
+def blank_view(valid: np.ndarray, pixel_size_m: float = 0.002, **other: Any) -> FlattenedView:
+    """Return a flat sheet 0.85 m before the camera, parallel to the image, but for given attributes."""
     rows, cols = valid.shape
     row, col = np.mgrid[0:rows, 0:cols]
     xyz = np.stack([col * pixel_size_m, row * pixel_size_m, np.full(valid.shape, 0.85)], axis=-1)
-    return FlattenedView(
+    view = FlattenedView(
         rgb=np.full((rows, cols, 3), 128, dtype=np.uint8),
         xyz_m=np.where(valid[..., None], xyz, np.nan).astype(np.float32),
         normal=np.where(valid[..., None], [0.0, 0.0, -1.0], np.nan).astype(np.float32),
@@ -72,6 +75,7 @@ def blank_view(valid: np.ndarray, pixel_size_m: float = 0.002) -> FlattenedView:
         pixel_size_m=pixel_size_m,
         origin_uv_m=(0.0, 0.0),
     )
+    return replace(view, **other)
 
 
 def at_mean(name: str) -> np.ndarray:

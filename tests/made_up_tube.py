@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
+from garment_evidence import blank_view
 from made_up_sheets import STEP_M, Bent, grid, nodes_at, observed, shape_of
 from scipy.spatial import cKDTree
 
@@ -67,18 +68,13 @@ def raster(shape: Shape, pattern: Float64, piece: int = 0, *, is_other: bool) ->
     place = pattern_from_own.apply(at) * (MIRROR if is_other else 1.0)
     xyz, normal = in_space(place, is_other=is_other)
     shaped = (rows, cols)
-    return FlattenedView(
-        rgb=np.zeros((*shaped, 3), dtype=np.uint8),
+    return blank_view(
+        valid.reshape(shaped), SIZE_M, origin_uv_m=(float(low[0] * SIZE_M), float(low[1] * SIZE_M)),
         xyz_m=np.where(valid[:, None], xyz, np.nan).reshape(*shaped, 3).astype(np.float32),
         normal=np.where(valid[:, None], normal, np.nan).reshape(*shaped, 3).astype(np.float32),
-        z_angle_deg=np.zeros(shaped, dtype=np.float32),
-        valid=valid.reshape(shaped),
         view_index=np.where(valid, 3 if is_other else 1, -1).reshape(shaped).astype(np.int16),
-        source_rc=np.zeros((*shaped, 2), dtype=np.float32),
-        pixel_size_m=SIZE_M,
-        origin_uv_m=(float(low[0] * SIZE_M), float(low[1] * SIZE_M)),
         placement_std_m=np.full(shaped, 0.001, dtype=np.float32),
-    )
+    )  # fmt: skip
 
 
 EVERYTHING = np.ones(len(UV), dtype=bool)

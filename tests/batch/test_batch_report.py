@@ -205,18 +205,6 @@ def client(out: Path, pages: Pages) -> RouteClient:
     return RouteClient(app=Guard(review_app(out, pages), own_names("127.0.0.1"), None, 80))
 
 
-def test_served_the_page_keeps_verdicts_and_opens_sessions(
-    client: RouteClient, out: Path, pages: Pages
-) -> None:
-    assert data_of(client.get("/").text)["served"] is True
-    assert client.post("/verdict", json={"name": "sure", "verdict": "accepted"}).status_code == 200
-    assert read_verdicts(out).decided == {"sure": "accepted"}
-    assert {r["name"]: r["review"] for r in data_of(client.get("/").text)["rows"]}["sure"] == "accepted"
-    assert client.post("/open", json={"name": "less"}).json() == {"url": "http://127.0.0.1:1/"}
-    assert pages.asked[0][0] == "less"
-    assert pages.asked[0][1][0] == "/data/x"
-
-
 async def endless() -> AsyncIterator[bytes]:
     """A body without a length in its headers; a reader without a limit would never return."""
     while True:

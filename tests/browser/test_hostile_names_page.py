@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -11,12 +10,8 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, WAIT_MS  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
-from exported_sessions import write_cylinder, write_session
+from exported_sessions import write_cylinder
 from playwright.sync_api import Browser, Page, expect
-
-from flatcloth.batch.report import write_report
-from flatcloth.batch.rows import write_row
-from flatcloth.cli import main
 
 pytestmark = pytest.mark.browser
 expect.set_options(timeout=WAIT_MS)
@@ -68,28 +63,3 @@ def test_the_start_screen_and_the_page_show_names_as_text(
         program.wait(timeout=60)
         assert program.stdout is not None
         program.stdout.close()
-
-
-def test_the_offline_page_and_the_report_show_names_as_text(
-    attacked: tuple[Page, list[str]], recording: Path, tmp_path: Path
-) -> None:
-    page, calls = attacked
-    session = write_session(tmp_path / FOLDER, recording)
-    files = [tmp_path / "page.html", tmp_path / "report.html"]
-    assert main(["export", str(session), "--html", str(files[0]), "--report", str(files[1])]) == 0
-    for file in files:
-        page.goto(file.as_uri())
-        expect(page.locator("body")).to_contain_text(SCRIPT)
-        unharmed(page, calls)
-
-
-def test_the_page_of_a_batch_shows_names_and_reasons_as_text(
-    attacked: tuple[Page, list[str]], tmp_path: Path
-) -> None:
-    page, calls = attacked
-    texts = {"source": f"/{SCRIPT}", "method": SCRIPT, "garment": SCRIPT, "notes": SCRIPT, "worker": SCRIPT}
-    row = {"name": FOLDER, "outcome": "failed", "reason": SCRIPT, "options": json.dumps({"x": SCRIPT})}
-    write_row({**row, **texts}, tmp_path / FOLDER)
-    page.goto(write_report(tmp_path).as_uri())
-    expect(page.locator("body")).to_contain_text(SCRIPT)
-    unharmed(page, calls)

@@ -5,14 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from playwright.sync_api import expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.scene]
-
-
-def eye(tab):
-    """Where viser's camera stands."""
-    return tab.scene.evaluate("Array.from(window.__viserMutable.camera.position)")
 
 
 def test_picks_are_numbered_on_both_panes_and_the_pointer_is_linked_both_ways(open_tab):
@@ -38,20 +32,6 @@ def test_picks_are_numbered_on_both_panes_and_the_pointer_is_linked_both_ways(op
     plane = tab.page.evaluate("flatcloth.sceneMarks.plane")
     assert math.dist(plane, first["uv_m"]) < 0.012
     tab.shoot("linked")
-
-
-@pytest.mark.thorough
-def test_a_thumbnail_turns_the_item_to_its_view(open_tab):
-    tab = open_tab().ready()
-    tab.click_shape()
-    thumbs = tab.page.locator("#source-seen .thumb")
-    expect(thumbs.first).to_be_visible()
-    before = eye(tab)
-    thumbs.last.click()
-    tab.scene.wait_for_function(
-        "(p) => window.__viserMutable.camera.position.toArray().some((x, i) => Math.abs(x - p[i]) > 0.05)",
-        arg=before,
-    )
 
 
 WATCH_DRAWING = """() => {

@@ -113,25 +113,3 @@ def test_pairs_of_points_are_picked_dragged_removed_and_fitted(open_tab):
     count = len(tab.state()["picks"])
     tab.page.mouse.click(*chosen[0])  # a click picks a grasp point again
     tab.until(f"flatcloth.state.picks.length === {count + 1}")
-
-
-def test_a_piece_that_floats_is_placed_by_hand(open_tab):
-    tab = open_tab().ready()
-    tab.propose(18)  # a component of it shares no cloth with the start view
-    view = tab.state()["pending"]["view_index"]
-    piece = tab.page.get_by_role("group", name="Part to place").get_by_role("button", name="waits")
-    revision = tab.page.evaluate("flatcloth.overlayRevision")
-    piece.click()
-    tab.until(
-        f"flatcloth.overlayRevision > {revision} && flatcloth.state.undo === 'take part 2 of view {view}'"
-    )
-    assert piece.get_attribute("aria-pressed") == "true"
-    tab.page.keyboard.press("ArrowRight")
-    tab.until(f"flatcloth.state.undo === 'move view {view}' && !flatcloth.state.drawing")
-    tab.shoot("floating-piece")
-    # Nothing there speaks for the place: Accept asks for a second press.
-    tab.page.keyboard.press("a")
-    tab.page.wait_for_selector('[data-action="accept"].caution')
-    tab.accept()
-    assert tab.state()["views"][view]["flagged"]
-    assert tab.state()["views"][view]["state"] == "fixed"

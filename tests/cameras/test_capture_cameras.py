@@ -16,7 +16,6 @@ from flatcloth.cameras import CameraEndedError, CameraError, open_camera, realse
 from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.playback import PlaybackCamera
 from flatcloth.cameras.realsense import RealsenseCamera
-from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Bool, RgbdFrame
 from flatcloth.recordings.files.libraries import load_realsense
 from flatcloth.recordings.realsense.player import stop_playing
@@ -75,11 +74,6 @@ def test_a_slow_reader_misses_frames_instead_of_lagging_behind(file: Path) -> No
     time.sleep(0.4)
     assert camera.read().time_s - first.time_s > 0.3
     camera.close()
-
-
-def test_a_file_that_cannot_be_played_is_no_camera(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="no such file"):
-        open_camera(str(tmp_path / "none.db3"))
 
 
 # --- the real one ----------------------------------------------------------------------------------
@@ -159,15 +153,6 @@ def test_a_camera_that_another_program_uses_is_told(monkeypatch: pytest.MonkeyPa
     broken.write_bytes(b"x" * 1000)
     library_with(monkeypatch, [FakeDevice("1", "3.2")], broken)
     with pytest.raises(CameraError, match=r"D435 1: cannot be started .*Close other programs"):
-        RealsenseCamera()
-
-
-def test_a_camera_without_its_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing() -> Any:
-        raise RecordingError("Run: pip install pyrealsense2")
-
-    monkeypatch.setattr(realsense, "load_realsense", missing)
-    with pytest.raises(CameraError, match="pip install"):
         RealsenseCamera()
 
 

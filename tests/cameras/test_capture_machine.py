@@ -66,21 +66,6 @@ def test_frames_are_taken_only_after_it_has_hung_still_for_a_while() -> None:
     assert state.taken in (3, 4)
 
 
-def test_what_moves_while_frames_are_taken_begins_anew() -> None:
-    state = seen(capture.begin(10.0), [0.0] * 12)
-    assert state.taken > 0
-    state = seen(state, [4.0])
-    assert (state.phase, state.taken) == (Phase.SETTLE, 0)
-    assert reviewed(state).taken == capture.FRAMES
-
-
-def test_a_view_may_be_repeated() -> None:
-    state = capture.repeat(reviewed(capture.begin(10.0)))
-    assert (state.phase, state.kept_deg, state.target_deg) == (Phase.SETTLE, (), 0.0)
-    assert seen(state, [0.0] * 3).phase is Phase.SETTLE  # it must have hung still anew
-    assert capture.keep(reviewed(state)).kept_deg == (0.0,)
-
-
 def test_who_turns_before_keeping_need_not_turn_again() -> None:
     state = seen(reviewed(capture.begin(10.0)), TURNED)
     state = capture.keep(state)
@@ -98,14 +83,6 @@ def test_a_turn_that_was_not_seen_can_be_told() -> None:
     assert seen(state, [40.0]).phase is Phase.TURN  # one frame is no turn
 
 
-def test_the_true_angle_can_be_told() -> None:
-    state = capture.keep(reviewed(capture.begin(10.0)))
-    state = capture.aim(reviewed(seen(state, TURNED)), 12.5)
-    state = capture.keep(state)
-    assert state.kept_deg == (0.0, 12.5)
-    assert state.target_deg == 22.5
-
-
 def test_a_turntable_announces_the_angles() -> None:
     state = capture.announce(capture.begin(10.0), 0.0, keeps_itself=True)
     for angle in (0.0, 33.0, -20.0):
@@ -117,11 +94,6 @@ def test_a_turntable_announces_the_angles() -> None:
         assert seen(state, [*TURNED, *STILL]).phase is Phase.TURN  # only an announcement counts now
     assert state.kept_deg == (0.0, 33.0, -20.0)
     assert capture.finish(state).phase is Phase.DONE
-
-
-def test_a_capture_goes_on_after_the_views_on_disk() -> None:
-    state = capture.begin(10.0, kept_deg=(0.0, 10.0, 20.0))
-    assert (state.phase, state.target_deg, state.turn_by_deg) == (Phase.TURN, 30.0, 10.0)
 
 
 @pytest.mark.parametrize(

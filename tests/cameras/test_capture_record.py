@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from realsense_files import stop_and_go, turning, write_realsense
 
@@ -131,18 +130,6 @@ def test_the_operator_keeps_repeats_corrects_and_ends(
     assert open_recording(tmp_path / "out").angles_deg == (0.0, 12.5)
 
 
-def test_a_turn_that_was_not_seen_is_told_with_enter(file: Path, tmp_path: Path) -> None:
-    phases: list[Phase] = []
-
-    def answer(guided: GuidedCapture) -> str | None:
-        phases.append(guided.state.phase)
-        return "" if guided.state.phase in (Phase.REVIEW, Phase.TURN) else None
-
-    led(file, tmp_path / "out", answer)
-    assert len(open_recording(tmp_path / "out")) >= 2
-    assert phases.count(Phase.TURN) <= len(open_recording(tmp_path / "out"))
-
-
 def test_without_a_terminal_it_must_be_told_to_keep_everything(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,48 +140,6 @@ def test_without_a_terminal_it_must_be_told_to_keep_everything(
     assert main(["record", "--out", str(tmp_path / "out"), "--camera", str(file), "--json"]) == 2
     assert "show no questions; give --yes" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--step", "0.5"], "step of 0.5"),
-        (["--step", "nan"], "step of nan"),
-        (["--frames", "3"], "3 frames per view is out of range: give 8"),
-        (["--camera", "none.db3"], "no such file"),
-    ],
-)
-def test_bad_options_are_one_line(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str
-) -> None:
-    arguments = ["record", "--out", str(tmp_path / "out"), "--camera", str(file), "--yes", *options]
-    assert main(arguments) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.usefixtures("at_once")
-def test_a_camera_that_stops_leaves_what_was_kept(
-    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    read = PlaybackCamera.read
-    seen: list[float] = []
-
-    def unplugged(self: PlaybackCamera) -> cameras.CameraFrame:
-        seen.append(0.0)
-        if len(seen) == 60:
-            raise cameras.CameraError("D435 1: delivers no images any more.")
-        return read(self)
-
-    monkeypatch.setattr(PlaybackCamera, "read", unplugged)
-    assert main(["record", "--out", str(out), "--camera", str(file), "--yes"]) == 2
-    said = capsys.readouterr()
-    assert "1 view is in" in said.out
-    assert "delivers no images" in said.err
-    assert np.count_nonzero(open_recording(out)[0].depth_m) > 0
 
 
 @pytest.mark.usefixtures("at_once")

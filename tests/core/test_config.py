@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from typing import Any
 
 import pytest
 
-from flatcloth.core.config import AlignmentConfig, Config, FlatteningConfig, PlanningConfig
+from flatcloth.core.config import Config, FlatteningConfig, PlanningConfig
 from flatcloth.core.errors import ConfigError
 
 
@@ -58,11 +57,6 @@ def test_whole_numbers_are_read_into_the_type_of_the_setting() -> None:
 def test_what_does_not_fit_is_named(values: Any, complaint: str) -> None:
     with pytest.raises(ConfigError, match=complaint):
         Config.from_dict(values)
-
-
-def test_settings_cannot_be_changed_behind_the_session_s_back() -> None:
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        Config().alignment = AlignmentConfig()  # type: ignore[misc]
 
 
 def test_few_settings_are_exposed_each_with_its_meaning() -> None:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from garment_evidence import blank_view
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -73,17 +74,7 @@ def test_half_a_turn_wraps_to_plus_pi() -> None:
 def grid(rows: int = 4, cols: int = 6) -> FlattenedView:
     valid = np.zeros((rows, cols), dtype=bool)
     valid[1, 2:5] = True
-    return FlattenedView(
-        rgb=np.zeros((rows, cols, 3), np.uint8),
-        xyz_m=np.zeros((rows, cols, 3), np.float32),
-        normal=np.zeros((rows, cols, 3), np.float32),
-        z_angle_deg=np.zeros((rows, cols), np.float32),
-        valid=valid,
-        view_index=np.full((rows, cols), -1, np.int16),
-        source_rc=np.zeros((rows, cols, 2), np.float32),
-        pixel_size_m=0.002,
-        origin_uv_m=(-0.5, 0.25),
-    )
+    return blank_view(valid, origin_uv_m=(-0.5, 0.25))
 
 
 def test_pixel_centres_lie_on_the_plane_by_origin_and_pixel_size() -> None:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from garment_evidence import blank_view
 
 from flatcloth.core.errors import EvaluationError
 from flatcloth.core.types import FlattenedView, Intrinsics, RgbdFrame, Rigid2
@@ -59,20 +60,9 @@ class Truth:
 
 def result(sheet: FlatSheet, keep: np.ndarray | None = None, stretch: float = 1.0) -> FlattenedView:
     """The sheet, flattened exactly (or stretched), every pixel linked to its image pixel."""
-    shape = (SIZE, SIZE)
-    valid = np.ones(shape, dtype=bool) if keep is None else keep
+    valid = np.ones((SIZE, SIZE), dtype=bool) if keep is None else keep
     rc = np.stack([*np.mgrid[0:SIZE, 0:SIZE]], axis=-1).astype(np.float32)
-    return FlattenedView(
-        rgb=np.zeros((*shape, 3), np.uint8),
-        xyz_m=np.zeros((*shape, 3), np.float32),
-        normal=np.zeros((*shape, 3), np.float32),
-        z_angle_deg=np.zeros(shape, np.float32),
-        valid=valid,
-        view_index=np.where(valid, 0, -1).astype(np.int16),
-        source_rc=rc,
-        pixel_size_m=PIXEL * stretch,
-        origin_uv_m=(0.7, -0.2),
-    )
+    return blank_view(valid, PIXEL * stretch, source_rc=rc, origin_uv_m=(0.7, -0.2))
 
 
 def figures(view: FlattenedView, sheet: FlatSheet) -> Evaluation:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import outcome_of
 from flatcloth.engine.sheet import lay_out, place_of_piece
 from flatcloth.methods.registry import method_names
-from flatcloth.recordings import open_recording
 from flatcloth.session.machine import (
     Accept,
     Document,
@@ -58,15 +56,6 @@ def places(made: Integration, document: Document) -> dict[int, Rigid2]:
 def apart_m(one: Rigid2, other: Rigid2) -> float:
     corners = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1]])
     return float(np.linalg.norm(one.apply(corners) - other.apply(corners), axis=1).max())
-
-
-@pytest.mark.parametrize("method", method_names())
-def test_accepting_the_same_again_gives_the_very_same_shape(method: str) -> None:
-    made = shared(method)
-    before = three_accepted(made)
-    after = done(made, before, Reopen(1), Accept(1))
-    assert after.document == before.document
-    assert made.canonical(after.document) is made.canonical(before.document)
 
 
 @pytest.mark.parametrize("method", method_names())
@@ -215,29 +204,6 @@ def test_a_view_that_is_laid_where_the_views_share_nothing_in_space_joins_the_sh
     joined = made.canonical(placed.document)
     assert joined.floating == ()
     assert joined.view.area_m2 > 1.3 * shape.area_m2
-
-
-def test_a_floating_piece_is_placed_by_hand_and_is_part_of_the_shape_then() -> None:
-    recording = open_recording(Path(__file__).parents[2] / "recordings" / "shirt-sleeve-clean")
-    made = Integration(recording)
-    state = done(made, SessionState(len(recording)), Start(), Propose(18))
-    pending = state.document.pending
-    assert pending is not None
-    waiting = [p.component for p in made.proposal(state.document).placement.parts if p.alignment is None]
-    assert waiting
-    plain = made.canonical(done(made, state, Accept(pending.view_index)).document)
-    assert plain.floating  # nothing seen connects it
-    # Reopened, and its piece laid on the right border of the shape.
-    state = done(made, state, Accept(pending.view_index), Reopen(pending.view_index))
-    shape, piece = made.canonical(state.document).view, made.views.part(pending.view_index, waiting[0])
-    border = max(shape.uv_from_rc(np.argwhere(shape.valid)).tolist())
-    edge = min(piece.uv_from_rc(np.argwhere(piece.valid)).tolist())
-    there = Rigid2(0.0, border[0] - edge[0] - 0.02, border[1] - edge[1])
-    placed = done(made, state, TakePart(pending.view_index, waiting[0], there), Accept(pending.view_index))
-    joined = made.canonical(placed.document)
-    assert joined.floating == ()
-    # The rest of the view lies where it lay: only the piece has come to the shape.
-    assert joined.view.area_m2 == pytest.approx(plain.view.area_m2 + plain.floating[0].area_m2, rel=0.01)
 
 
 def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_placed_by_hand() -> None:

@@ -11,8 +11,8 @@ from scenes import AXIS, Cylinder
 from sheet_runs import SHEET, STEPS, done, errors_m, shared
 from sheet_runs import integration as sheet_integration
 
-from flatcloth.core.config import Config, FlatteningConfig, PlanningConfig
-from flatcloth.core.errors import CancelledError, FlatclothError, FlatteningError
+from flatcloth.core.config import Config, FlatteningConfig
+from flatcloth.core.errors import FlatclothError, FlatteningError
 from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
@@ -43,12 +43,6 @@ integration = partial(sheet_integration, "paper")
 
 def started(made: Integration, view: int | None = None) -> SessionState:
     return done(made, SessionState(len(made.recording)), Start(view))
-
-
-def test_the_start_view_is_the_one_with_the_largest_observed_area() -> None:
-    made = integration(span_deg=(-20.0, 100.0))
-    # The cloth is centred at 40 deg: it faces the camera when the item is turned by -40 deg.
-    assert STEPS[started(made).document.start_view or 0] == pytest.approx(320.0)
 
 
 def test_a_view_that_is_planned_has_its_reason_though_it_was_chosen_by_hand_before() -> None:
@@ -157,13 +151,6 @@ def test_a_nudge_moves_the_overlay_which_is_made_once_for_each_place_and_lowers_
     assert apply(nudged, Accept(view)).document.accepted[-1].fixed
 
 
-def test_the_proposal_of_a_resumed_session_is_the_same() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose())
-    again = integration().proposal(state.document)
-    assert again.alignment.current_from_new == made.proposal(state.document).alignment.current_from_new
-
-
 def test_any_view_can_be_asked_for_by_hand() -> None:
     made = shared("paper")
     state = done(made, started(made, 0), Propose(2))
@@ -208,26 +195,6 @@ def test_the_policy_goes_by_the_score() -> None:
     assert request is not None
     low = apply(apply(started(made, 0), Propose()), Proposed(request.token, 3, Rigid2(), Side.LEFT, 0.1))
     assert accept_by_score(made, low) == Reject(3, UNSURE)
-
-
-def test_a_longer_overlap_asked_for_means_smaller_rotations() -> None:
-    def rotation(overlap_area_m2: float) -> float:
-        config = Config(planning=PlanningConfig(overlap_area_m2=overlap_area_m2))
-        made = integration(config)
-        return max(side.rotation_deg for side in made.plan(started(made, 0).document).sides)
-
-    assert rotation(0.005) > rotation(0.03)
-
-
-def test_the_work_can_be_cancelled_through_the_progress() -> None:
-    made = integration()
-
-    def cancel(_share: float, _text: str) -> None:
-        raise CancelledError
-
-    state = apply(SessionState(len(STEPS)), Start())
-    with pytest.raises(CancelledError):
-        made.answer(state.document, state.request, cancel)  # type: ignore[arg-type]
 
 
 def test_without_masks_or_axis_the_notes_say_so() -> None:
@@ -327,11 +294,6 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     np.testing.assert_array_equal(same[view.valid], before)
 
 
-def test_the_paper_knows_no_cloth_to_take_apart() -> None:
-    made = shared("paper")
-    assert made.cloth(started(made, 0).document) is None
-
-
 def test_samples_are_as_far_apart_for_a_camera_that_is_near() -> None:
     for distance_m, wanted in ((1.7, (12, 6)), (0.85, (12, 6)), (0.425, (24, 12)), (0.0, (102, 51))):
         at = RotationAxis(point_m=np.array([0.0, 0.3, distance_m]), direction=AXIS.direction)
@@ -355,14 +317,3 @@ def test_a_folded_view_is_neither_begun_with_nor_proposed() -> None:
     state = apply(started(made, 0), Propose(1))
     with pytest.raises(FlatclothError, match=r"View 1: .*folded.*another view"):
         made.answer(state.document, state.request)  # type: ignore[arg-type]
-
-
-def test_the_cloud_of_a_view_lies_in_the_held_frame() -> None:
-    made = shared("paper")
-    for view in (0, 3):
-        cloud = made.views.cloud(view)
-        offset = cloud.xyz_m - made.axis.point_m
-        np.testing.assert_allclose(np.hypot(offset[:, 0], offset[:, 2]), 0.12, atol=1e-4)
-        assert len(cloud.rgb) == len(cloud.xyz_m) == len(cloud.of_interest)
-    inside = np.degrees(np.arctan2(offset[:, 0], -offset[:, 2]))
-    assert np.abs(inside).max() <= 100.5

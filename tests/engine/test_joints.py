@@ -1,15 +1,19 @@
-"""Where a part of a shape is joined by little evidence is found, how surely, and which views hold it."""
+"""Where a part hangs on little evidence is found, how surely, and which views hold it; the page decides."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from garment_evidence import blank_view
+from route_client import RouteClient
+from scenes import AXIS, CAMERA
 from scipy.spatial import cKDTree
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import MIRROR, Rigid2
 from flatcloth.engine.outcome import lines_of
 from flatcloth.engine.results.joints import Alternative, alternatives, joints_of, with_places
@@ -17,7 +21,10 @@ from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.methods.answers import Seam
+from flatcloth.session.machine import Document
 from flatcloth.shape.joints import false_share
+from flatcloth.viewer.modes.joints import JointService
+from flatcloth.viewer.protocol.messages import DecideJoint
 
 WEAK, OFF_M = 0.05, 0.004
 
@@ -33,7 +40,7 @@ def cloth() -> Cloth:
     length = np.linalg.norm(uv[edges[:, 0]] - uv[edges[:, 1]], axis=1)
     return Cloth(
         uv_m=uv,
-        xyz_m=np.concatenate([uv, np.full((len(uv), 1), 0.85)], axis=1),
+        xyz_m=np.concatenate([uv - 0.15, np.full((len(uv), 1), 0.85)], axis=1),
         edges=edges,
         evidence=np.where(across, WEAK, np.where(steep, 0.3, 1.0)),
         length_m=length + np.where(across, OFF_M, 0.0),
@@ -117,3 +124,47 @@ def test_the_report_names_the_joint_that_most_doubtful_cloth_hangs_on() -> None:
     )
     certain = {**report, "joints": [{**joint, "probability": 1.0}]}
     assert not any("joint" in line for line in lines_of(certain))
+
+
+# --- the page -------------------------------------------------------------------------------------
+
+
+def service_of(cloth: Cloth | None) -> JointService:
+    """The page's service over a shape of this cloth, at revision 3."""
+    view = blank_view(np.ones((20, 30), dtype=bool), 0.012)
+    recording = SimpleNamespace(angles_deg=tuple(30.0 * n for n in range(8)), intrinsics=CAMERA)
+    integration = SimpleNamespace(
+        method="robust", axis=AXIS, recording=recording, cloth=lambda _: cloth,
+        canonical=lambda _: SimpleNamespace(view=view),
+    )  # fmt: skip
+    picture = SimpleNamespace(revision=3, document=Document(start_view=0))
+    page = SimpleNamespace(integration=integration, garments=SimpleNamespace(last=None), picture=picture)
+    return JointService(cast("Any", page))
+
+
+def test_a_joint_is_told_with_the_pixels_that_show_it_or_why_nothing_is_known(cloth) -> None:
+    (joint,) = RouteClient(service_of(cloth).routes()).get("/joints/3.json").json()["joints"]
+    assert joint["area_cm2"] == pytest.approx(200 * 1.44)
+    assert joint["weak"]
+    (held,) = joint["views"]
+    assert (held["view_index"], held["angle_deg"], held["pairs"]) == (7, 210.0, 58)
+    assert held["rc"]
+    assert all(0 <= row < CAMERA.height and 0 <= col < CAMERA.width for row, col in held["rc"])
+    told = RouteClient(service_of(None).routes()).get("/joints/3.json").json()
+    assert (told["joints"], "does not know" in told["trouble"]) == ([], True)
+
+
+def test_a_decision_is_about_the_shape_that_was_shown(cloth) -> None:
+    service = service_of(cloth)
+    decision = service.decision(DecideJoint(revision=3, index=0, cut=True))
+    assert decision.part.taken_off
+    assert max(u for u, _ in decision.part.part.uv_m) < 10 * 0.012
+    kept = service.decision(DecideJoint(revision=3, index=0, cut=False))
+    assert (kept.part.taken_off, kept.part.by_hand, kept.place) == (False, True, None)
+    laid = service.decision(DecideJoint(revision=3, index=0, cut=True, place=(0.0, 0.1, 0.2)))
+    assert laid.place is not None
+    assert np.allclose(np.array(laid.place.piece.uv_m) - laid.part.part.uv_m, (0.1, 0.2))
+    assert (laid.place.by_hand, laid.place.shape) == (True, laid.part.rest)
+    for revision, index in ((2, 0), (3, 1)):
+        with pytest.raises(FlatclothError, match="look again"):
+            service.decision(DecideJoint(revision=revision, index=index, cut=True))

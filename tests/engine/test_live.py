@@ -6,7 +6,7 @@ from typing import cast
 import numpy as np
 import pytest
 from plates import plate
-from scenes import AXIS, Cylinder, box, frame, plane
+from scenes import AXIS, Cylinder, frame
 
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.config import Config, FlatteningConfig, SurfaceConfig
@@ -53,22 +53,6 @@ def test_a_frame_without_cloth_is_an_error_and_the_next_one_starts_anew() -> Non
 def test_only_the_finest_interval_is_used() -> None:
     config = Config(flattening=FlatteningConfig(sampling_intervals_px=(24, 12, 6)))
     assert flattening([Cylinder()[0]], config).newest().view.area_m2 > 0.05
-
-
-@pytest.mark.parametrize("interpolation", ["smooth", "delaunay"])
-def test_quality_tells_density_incidence_and_stretch(interpolation: str) -> None:
-    depth = plane(1.0, 0.0)  # seen at 45 deg on the optical axis
-    config = FlatteningConfig(interpolation=interpolation)
-    surface = observe_item(frame(depth, box(0.05, depth)), AXIS, SurfaceConfig())
-    view = flatten(surface, AXIS, config).view
-    assert view.quality is not None
-    assert np.isnan(view.quality[~view.valid]).all()
-    density, incidence, stretch = np.moveaxis(view.quality[view.valid], -1, 0)
-    center = np.linalg.norm(view.source_rc[view.valid] - 119.5, axis=1).argmin()
-    assert incidence[center] == pytest.approx(45.0, abs=0.3)
-    # 425 px at 0.85 m are 5 px a cm, foreshortened once by the cosine.
-    assert density[center] == pytest.approx(25.0 / np.sqrt(2), rel=0.01)
-    assert stretch.max() < 1e-4
 
 
 def test_stretch_shows_where_cloth_that_is_no_developable_sheet_had_to_give() -> None:

@@ -9,7 +9,7 @@ import pytest
 from exported_sessions import cylinder_session
 
 from flatcloth.engine.results.pixel_states import pixel_counts, pixel_states
-from flatcloth.engine.results.result import Areas, left_out, result_of
+from flatcloth.engine.results.result import Areas, left_out
 from flatcloth.export.session import OpenedSession
 from flatcloth.flattening.pixel_states import PixelState
 from flatcloth.rendering.pixel_states import state_legend, state_rgba
@@ -76,11 +76,3 @@ def test_every_pixel_of_the_item_is_counted_with_what_became_of_it(session: Open
     image = state_rgba(then.states, then.is_missing)
     assert image[then.is_missing & (then.states == PixelState.NOT_USED), 3].min() > 200
     assert (state_rgba(now.states, now.is_missing)[now.states == PixelState.SHAPE, 3] == 0).all()
-
-
-def test_the_result_tells_what_the_planner_says(session: OpenedSession) -> None:
-    result = result_of(Areas(session.integration), session.history.document)
-    assert result.left_out == ()
-    assert result.uncertainty == {}  # the paper's method computes none
-    assert (result.more.expected, result.more.share) == ((), None)
-    assert result.more.reason

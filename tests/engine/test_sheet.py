@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from garment_evidence import blank_view
 
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, PLACED, label_of, lay_out, with_placed_pieces
@@ -17,20 +18,13 @@ PIXEL_M = 0.002
 
 
 def patch(rows: int, cols: int, origin_uv_m: tuple[float, float], view_index: int = 0) -> FlattenedView:
-    valid = np.ones((rows, cols), dtype=bool)
     u, v = np.meshgrid(np.arange(cols) * PIXEL_M, np.arange(rows) * PIXEL_M)
     xyz = np.stack([u + origin_uv_m[0], v + origin_uv_m[1], np.ones_like(u)], axis=-1).astype(np.float32)
-    return FlattenedView(
+    return blank_view(
+        np.ones((rows, cols), dtype=bool), PIXEL_M, xyz_m=xyz, origin_uv_m=origin_uv_m,
         rgb=np.full((rows, cols, 3), 10 * view_index + 5, dtype=np.uint8),
-        xyz_m=xyz,
-        normal=np.zeros((rows, cols, 3), dtype=np.float32),
-        z_angle_deg=np.zeros((rows, cols), dtype=np.float32),
-        valid=valid,
         view_index=np.full((rows, cols), view_index, dtype=np.int16),
-        source_rc=np.zeros((rows, cols, 2), dtype=np.float32),
-        pixel_size_m=PIXEL_M,
-        origin_uv_m=origin_uv_m,
-    )
+    )  # fmt: skip
 
 
 def canonical(*floating: FlattenedView) -> Canonical:

@@ -81,12 +81,6 @@ def test_strokes_on_a_recording_with_masks_are_refused_in_one_line() -> None:
         Integration(Cylinder(angles_deg=ANGLES)).views.segment((LEFT_HALF,))
 
 
-def test_without_a_segmenter_all_of_the_item_is_of_interest() -> None:
-    bare = Integration(Cylinder(angles_deg=ANGLES, masks=False))
-    assert bare.views.segment(()) is None
-    assert bare.views.frame(0).mask is None
-
-
 def test_more_views_than_fit_into_the_memory_are_refused() -> None:
     angles = tuple(0.5 * n for n in range(MOST_VIEWS + 1))
     views = Integration(Cylinder(angles_deg=angles, masks=False)).views

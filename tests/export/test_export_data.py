@@ -59,20 +59,6 @@ def test_arrays_picture_and_cloud_are_those_of_the_cloth_and_need_no_pickle(tmp_
     np.testing.assert_allclose(points["uv"], points["x"][:, :2], atol=1e-6)
 
 
-def test_picks_are_written_with_their_place_in_space_and_on_the_plane(tmp_path: Path) -> None:
-    write_files(shape_files(sheet(1, 0, 40, 12.0), [PICK], FRAMES), tmp_path)
-    document = json.loads((tmp_path / "grasps.json").read_text())
-    assert document["format"] == "flatcloth-grasps/1"
-    assert document["frame"] == "held"
-    assert document["base_from_camera"] is None
-    (grasp,) = document["grasps"]
-    assert set(grasp["poses"]) == {"held", "camera"}
-    assert grasp["name"] == PICK.name
-    assert grasp["position_m"] == list(PICK.position_held_m)
-    assert (grasp["flattened"]["row"], grasp["flattened"]["col"]) == (5, 10)
-    assert grasp["flattened"]["distance_m"] == pytest.approx(0.001, abs=1e-6)
-
-
 def matrix(pose: dict[str, object]) -> np.ndarray:
     return np.array(pose["matrix"])
 

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from garment_evidence import blank_view
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure as Drawing
@@ -100,13 +101,8 @@ def test_a_ramp_has_the_ticks_of_its_range(low: float, high: float) -> None:
 
 
 def view_of(valid: np.ndarray, origin_px: tuple[int, int], grey: int) -> FlattenedView:
-    shape = valid.shape
-    return FlattenedView(
-        rgb=np.full((*shape, 3), grey, np.uint8), xyz_m=np.zeros((*shape, 3), np.float32),
-        normal=np.zeros((*shape, 3), np.float32), z_angle_deg=np.zeros(shape, np.float32), valid=valid,
-        view_index=np.zeros(shape, np.int16), source_rc=np.zeros((*shape, 2), np.float32),
-        pixel_size_m=0.002, origin_uv_m=(0.002 * origin_px[0], 0.002 * origin_px[1]),
-    )  # fmt: skip
+    origin_uv_m = (0.002 * origin_px[0], 0.002 * origin_px[1])
+    return blank_view(valid, rgb=np.full((*valid.shape, 3), grey, np.uint8), origin_uv_m=origin_uv_m)
 
 
 def test_a_proposal_lies_on_the_shape_where_it_belongs() -> None:
@@ -193,11 +189,6 @@ def test_picks_are_marked_on_the_shape(session: OpenedSession) -> None:
     text = texts_of(shape.drawing)
     assert {"1", "2"} <= set(text)
     assert "3" not in text  # it does not lie on the shape
-
-
-def test_a_decision_by_hand_has_its_picture_only(session: OpenedSession) -> None:
-    kinds = [[f.name.rsplit("-", 1)[1] for f in of_decision(session, d)] for d in session.history.decisions]
-    assert kinds == [["overlay"], ["overlay"], ["overlay", "plan"]]
 
 
 def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedSession) -> None:

@@ -10,7 +10,7 @@ import pytest
 from tiny_recordings import MemoryRecording
 
 from flatcloth.core.config import Config
-from flatcloth.core.errors import FlatclothError, JournalError
+from flatcloth.core.errors import JournalError
 from flatcloth.core.types import Rigid2
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.grasping.grasps import Grip
@@ -172,13 +172,6 @@ def test_a_folder_that_is_no_session_is_one_clear_line(tmp_path: Path) -> None:
     (tmp_path / "session.json").mkdir()
     with pytest.raises(JournalError, match="cannot be read"):
         read_history(tmp_path)
-
-
-def test_damaged_grips_are_told(place: Path) -> None:
-    opened(place).close()
-    (place / "grips.json").write_text("{}")
-    with pytest.raises(FlatclothError, match=r"grips\.json: damaged"):
-        read_history(place)
 
 
 def test_a_decision_that_is_made_again_later_does_not_stand(place: Path) -> None:

@@ -15,7 +15,6 @@ from flatcloth.flattening.patches import (
     median,
 )
 from flatcloth.flattening.ramps import fill_dropouts, long_ones, regions_with
-from flatcloth.flattening.sampling import widened
 from flatcloth.flattening.surface import _label_regions
 
 
@@ -53,12 +52,6 @@ def test_regions_of_an_image_are_numbered_by_their_first_pixel() -> None:
 @pytest.mark.parametrize("values", [[3.0], [4.0, 1.0], [5.0, 1.0, 4.0], [7.0, 1.0, 2.0, 4.0]])
 def test_the_median_is_that_of_numpy(values: list[float]) -> None:
     assert median(np.array(values)) == np.median(values)
-
-
-def test_intervals_are_widened_together_for_fine_pixels_only() -> None:
-    assert widened((12, 6), 0.002) == (12, 6)
-    assert widened((12, 6), 0.004) == (12, 6)
-    assert widened((12, 6), 0.001) == (24, 12)
 
 
 @pytest.mark.parametrize("stride", [1, 2])

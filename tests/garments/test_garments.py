@@ -15,14 +15,13 @@ from flatcloth.core.types import FlattenedView, Intrinsics, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M
 from flatcloth.garments.distance import inside_outline, outside, poses_within, straight_inside, to_edges
 from flatcloth.garments.evidence import PieceEvidence, evidence_of
-from flatcloth.garments.fit import TEMPERATURE, Pull, crossing_energy, refine, starts
+from flatcloth.garments.fit import TEMPERATURE, crossing_energy, refine, starts
 from flatcloth.garments.kinds import kind_named, known_kinds
 from flatcloth.garments.model import with_slope
 from flatcloth.garments.named_points import Point, dimensions_of
 from flatcloth.garments.recognition import (
     NONE,
     fits_of,
-    held_fit,
     probabilities_by,
     recognise,
     temperature_of,
@@ -409,16 +408,6 @@ def test_a_dimension_is_between_the_points_found_the_better_known_side_counting_
     assert abs(found["side_length"].value_m - (0.9 * 0.5 + 0.1 * 0.6)) < 1e-9
     doubted = {name: dataclasses.replace(point, doubt_m=0.3) for name, point in points.items()}
     assert dimensions_of(fit, doubted)["side_length"].std_m > 0.3 > found["side_length"].std_m
-
-
-def test_a_held_point_stays_where_it_was_put() -> None:
-    view, main = towel_shape(Rigid2(0.1, 0.45, 0.5))
-    answer = recognise(view, [main])
-    name, point = next(iter(answer.points.items()))
-    wanted = point.uv_m + np.array([0.03, 0.02])
-    held = held_fit(answer.fit, main, (Pull(name=name, uv_m=wanted),))
-    place = held.kind.named(held.parameters[:, None])[name][:, 0]
-    assert np.linalg.norm(held.garment_from_piece[0].inverse().apply(place) - wanted) < 0.004
 
 
 def test_too_little_cloth_is_said_and_not_guessed_about() -> None:

@@ -70,15 +70,6 @@ def test_every_decision_of_the_run_is_told(finished: tuple[Integration, SessionS
     assert decided | {state.document.start_view} == set(range(len(STEPS)))
 
 
-def test_the_shape_depends_on_the_decisions_alone() -> None:
-    shapes = []
-    for _ in range(2):
-        made = integration()
-        state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))
-        shapes.append(made.canonical(apply(state, Accept(2)).document).view)
-    np.testing.assert_array_equal(shapes[0].xyz_m, shapes[1].xyz_m)
-
-
 def test_a_proposal_tells_its_score_and_the_cameras() -> None:
     made = integration()
     state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))

@@ -111,20 +111,3 @@ def test_what_constants_change_is_measured() -> None:
     measured = {identity(row) for row in rows}
     unknown = [constant.identity for constant in all_constants() if constant.identity not in measured]
     assert not unknown, f"{unknown}: python -m benchmarks constants --recordings ... --keep DIR"
-
-
-def test_the_reader_of_constants_sees_what_it_must() -> None:
-    source = (
-        "A = 1.0\n"
-        "B_M, C_M = 2.0, 3.0\n"
-        '"""Chosen."""\n'
-        "D = 4  # the paper, section 3\n"
-        "E = np.array([5.0])\n"
-        "F: float = -6.0\n"
-        'NAMES = ("x", 1)\n'
-        "small = 7\n"
-    )
-    assert numbers_without_a_word(source) == ["A", "E", "F"]
-    assert numbers_without_a_source(source) == ["A", "E", "F"]
-    joined = 'A = 1\n"""From this ..."""\nB = 2\n"""... to this. Chosen."""\nC = 3\n"""Large."""\n'
-    assert numbers_without_a_source(joined) == ["C"]

@@ -99,14 +99,6 @@ def test_images_are_turned_with_their_camera(recording):
     assert (here[0] - q.cy) / q.fy == pytest.approx((col - k.cx) / k.fx)
 
 
-def test_mirrored_twice_and_reversed_twice_is_as_recorded(recording):
-    once = Mends(mirror=True, reverse=True, rotate=270, depth_factor=10.0)
-    again = once.then(Mends(mirror=True, reverse=True, rotate=90, depth_factor=0.1))
-    assert again.to_dict() == {}
-    made = mended(mended(recording, Mends(mirror=True)), Mends(mirror=True))
-    assert (made[3].color == recording[3].color).all()
-
-
 def test_color_moves_against_depth(recording):
     moved = mended(recording, Mends(color_shift=(4.0, 0.0)))[0]
     assert (moved.color[:, 4:] == recording[0].color[:, :-4]).all()

@@ -408,20 +408,3 @@ def test_import_writes_a_folder_that_opens_as_the_file_does(
     assert folder[1].depth_m[0, 0] == pytest.approx(WALL_M, abs=0.01)
     assert main(["import", str(files / "stops.db3"), "--out", str(out)]) == 2
     assert "contains a recording" in capsys.readouterr().err
-
-
-def test_import_takes_any_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from tiny_recordings import write_recording
-
-    source = write_recording(tmp_path / "source")
-    assert main(["import", str(source), "--out", str(tmp_path / "copy")]) == 0
-    was, now = open_recording(source), open_recording(tmp_path / "copy")
-    assert (now.name, now.angles_deg, now.intrinsics) == (was.name, was.angles_deg, was.intrinsics)
-    np.testing.assert_array_equal(now.held_point_m, was.held_point_m)
-    for n in range(3):
-        np.testing.assert_array_equal(now[n].color, was[n].color)
-        np.testing.assert_array_equal(now[n].mask, was[n].mask)
-        np.testing.assert_allclose(now[n].depth_m, was[n].depth_m, atol=1e-7)
-    capsys.readouterr()
-    assert main(["import", str(source), "--out", str(tmp_path / "b"), "--align", "color"]) == 2
-    assert "not a RealSense file" in capsys.readouterr().err

@@ -14,7 +14,6 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.core.geometry import camera_from_object
 from flatcloth.core.resources import sample_recordings
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.base import fingerprint
 from flatcloth.recordings.files import images
 
 
@@ -194,26 +193,6 @@ def test_a_source_of_no_known_kind_is_told_what_can_be_read(folder: Path, tmp_pa
     # A folder of recordings names one of them.
     with pytest.raises(RecordingError, match=r"for example .*tiny"):
         open_recording(tmp_path)
-
-
-def test_a_kind_is_told_by_its_content(tmp_path: Path) -> None:
-    (tmp_path / "camera.mcap").write_text("text")
-    with pytest.raises(RecordingError, match="not a recording"):
-        open_recording(tmp_path / "camera.mcap")
-    folder = write_recording(tmp_path / "native")
-    (folder / "rgb.txt").touch()
-    (folder / "depth.txt").touch()  # what recording.json says counts
-    assert len(open_recording(folder)) == 3
-
-
-def test_a_fingerprint_survives_a_move_and_notices_another_recording(folder: Path, tmp_path: Path) -> None:
-    original = fingerprint(open_recording(folder))
-    moved = folder.rename(tmp_path / "moved")
-    assert fingerprint(open_recording(moved)) == original
-    content = header()
-    content["views"][2]["angle_deg"] = 21.0
-    write_header(moved, content)
-    assert fingerprint(open_recording(moved)) != original
 
 
 def test_a_black_mask_means_that_the_view_shows_nothing_of_the_side(tmp_path: Path) -> None:

@@ -212,13 +212,6 @@ def test_an_image_of_the_wrong_size_or_kind_is_named(
     refused(folder, cause, file)
 
 
-def test_one_image_cannot_be_both_color_and_depth(folder: Path) -> None:
-    content = header()
-    content["views"][1]["color"] = "depth/1.png"
-    write_header(folder, content)
-    refused(folder, "16-bit PNG with 1 channel. Color images must be", "depth/1.png")
-
-
 @pytest.mark.parametrize("file", ["color/1.png", "depth/1.png", "mask/1.png"])
 def test_a_missing_image_is_named_at_opening(folder: Path, file: str) -> None:
     (folder / file).unlink()

@@ -15,7 +15,6 @@ from tiny_recordings import HEIGHT, WIDTH, write_recording
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics, RotationAxis
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import Truth
 from flatcloth.recordings.writer import RecordingWriter
 
 CAMERA = Intrinsics(width=WIDTH, height=HEIGHT, fx=20.0, fy=20.0, cx=7.5, cy=5.5)
@@ -56,18 +55,6 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(frame.color, color(1))
     np.testing.assert_array_equal(frame.depth_m, depth(1).astype(np.float32) * np.float32(0.0001))
     np.testing.assert_array_equal(frame.mask, mask)
-
-
-def test_the_truth_of_a_synthetic_recording_is_read_back(tmp_path: Path) -> None:
-    truth = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint16)
-    truth[4:8, 4:8] = (17, 20000, 40000)
-    header = {"garment": "coat", "held_at": "hem", "panel_of_interest": 1}
-    with writing(tmp_path, truth_header=header) as made:
-        made.add(0, color(0), depth(0), truth_bgr=truth)
-    read = Truth(tmp_path)
-    assert (read.garment, read.panel_of_interest) == ("coat", 1)
-    np.testing.assert_allclose(read[0].flat_uv_m[5, 5], (0.5, -0.5))
-    assert read[0].outer_face[5, 5]
 
 
 @pytest.mark.parametrize("at", range(9))

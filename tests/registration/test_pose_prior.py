@@ -8,7 +8,7 @@ from scenes import AXIS
 
 from flatcloth.core.geometry import Rigid3, object_from_camera
 from flatcloth.flattening.surface import EXTENT_M
-from flatcloth.registration.axis_estimation import _neighbours, _pairs, choose_views
+from flatcloth.registration.axis_estimation import _neighbours, _pairs
 from flatcloth.registration.pairwise import _weighed
 from flatcloth.registration.pose_prior import (
     PosePrior,
@@ -111,11 +111,6 @@ def test_pairs_of_views_are_those_up_to_65_degrees_the_closest_first() -> None:
     assert _pairs([0.0, 60.0]) == [(1, 0)]
     assert _pairs([0.0, 70.0]) == []
     assert _neighbours(_pairs([0.0, 10.0, 25.0, 60.0])) == [(1, 0), (2, 1), (2, 0), (3, 2)]
-
-
-def test_views_are_chosen_evenly_in_order_of_their_angle() -> None:
-    assert choose_views([350.0, 10.0, -20.0]) == [1, 2, 0]
-    assert choose_views([float(a) for a in range(0, 360, 5)], 4) == [0, 18, 36, 54]
 
 
 def test_texture_that_agrees_by_half_has_a_quarter_of_the_curvature() -> None:

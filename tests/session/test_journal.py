@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from journal_script import AGAIN, CLOTH, CUT, SCRIPT, idle, opened, played_in, resumed, states
 
-from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError, JournalError
 from flatcloth.core.strokes import ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
@@ -38,9 +36,7 @@ from flatcloth.session.machine import (
     PlacedPart,
     Propose,
     Proposed,
-    SessionState,
     Side,
-    Start,
 )
 from flatcloth.session.store import SessionFolder
 
@@ -54,30 +50,6 @@ def plain(pick: Pick) -> tuple[object, ...]:
         pick.view_index,
         pick.source_rc,
     )
-
-
-def test_a_new_folder_says_what_the_session_is_about(place: Path) -> None:
-    folder = opened(place)
-    folder.close()
-    header = json.loads((place / "session.json").read_text())
-    assert header["format"] == "flatcloth-session/2"
-    assert header["recording"]["name"] == "memory"
-    assert header["recording"]["views"] == 6
-    assert header["method"] == "paper"
-    assert Config.from_dict(header["config"]) == Config()
-    assert set(header["versions"]) == {"flatcloth", "numpy", "scipy", "viser"}
-    assert folder.state == SessionState(6)
-    assert folder.picks == ()
-
-
-def test_every_line_is_json_with_number_time_and_kind(played: SessionFolder, place: Path) -> None:
-    lines = [json.loads(line) for line in (place / "journal.jsonl").read_text().splitlines()]
-    assert [line["line"] for line in lines] == list(range(1, len(SCRIPT) + 1))
-    assert [line["kind"] for line in lines[:4]] == ["start", "started", "propose", "proposed"]
-    assert all(line["time"].endswith("+00:00") for line in lines)
-    assert lines[3]["current_from_new"] == {"theta_rad": 0.1, "u_m": 1 / 3, "v_m": -2e-17}
-    assert lines[3]["side"] == "right"
-    assert lines[7]["score"] is None
 
 
 ALSO = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.5, 0.0)))
@@ -153,14 +125,6 @@ def test_damage_before_the_end_is_named_by_its_line(
     assert (place / "journal.jsonl").read_bytes() == damaged
     with pytest.raises(JournalError, match=cause):
         opened(place)
-
-
-def test_an_illegal_command_and_a_late_answer_leave_no_line(played: SessionFolder, place: Path) -> None:
-    before = (place / "journal.jsonl").read_bytes()
-    with pytest.raises(IllegalDecisionError):
-        played.record(Start())
-    played.record(Proposed(1, 5, Rigid2()))
-    assert (place / "journal.jsonl").read_bytes() == before
 
 
 def test_numbers_and_names_that_cannot_be_read_back_are_refused(place: Path) -> None:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from flatcloth.core.types import Rigid2
-from flatcloth.session.machine import Accept, Document, Pending, Propose, Reject, SessionState, Start, Undo
+from flatcloth.session.machine import Document, Pending, Propose, Reject, SessionState, Undo
 from flatcloth.viewer import auto
 from flatcloth.viewer.protocol.settings import Settings
 from flatcloth.viewer.protocol.state import AutoInfo
@@ -26,13 +26,6 @@ def next_step(document=BEGUN, settings=None, *, auto_now=RUNS, expected=None, fl
 
 def asked(score):
     return replace(BEGUN, pending=Pending(3, Rigid2(), None, score))
-
-
-def test_it_starts_proposes_and_accepts_what_is_sure():
-    assert next_step(Document()) == Start()
-    assert next_step() == Propose()
-    assert next_step(asked(0.9)) == Accept(3)
-    assert next_step(auto_now=AutoInfo()) is None
 
 
 @pytest.mark.parametrize("score", [0.2, float("nan")])

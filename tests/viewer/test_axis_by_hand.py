@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,14 +11,13 @@ import numpy as np
 import pytest
 from page_tabs import Tab
 from scenes import AXIS, Cylinder
-from viewer_fakes import CENTER_M, CylinderIntegration, MemoryFolder
+from viewer_fakes import CylinderIntegration, MemoryFolder
 
 from flatcloth.core.errors import JournalError
 from flatcloth.core.types import RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.session.axis_file import FILE, read_axis, settle_axis, write_axis
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.protocol.messages import parsed
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
@@ -37,13 +33,6 @@ def same(a: RotationAxis | None, b: RotationAxis) -> bool:
         and np.allclose(a.direction, b.direction)
         and a.estimated == b.estimated
     )
-
-
-def wait_until(found: Callable[[], bool]) -> None:
-    end = time.monotonic() + 20
-    while not found():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 # --- what is derived -------------------------------------------------------------------------
@@ -107,41 +96,12 @@ class Keeping(MemoryFolder):
     full = False
 
 
-def logged(server: PageServer) -> list[str]:
-    state = server.application.last_state
-    return [] if state is None else [note.text for note in state.log]
-
-
 def ready(server: PageServer) -> bool:
     state = server.application.last_state
     return state is not None and state.phase == "ready" and state.layers is not None
 
 
-def set_axis(server: PageServer, *, apply: bool = True, **values: float) -> None:
-    axis = {"right_m": 0.01, "away_m": CENTER_M[2], "lean_right_deg": 10.0, "lean_away_deg": 0.0}
-    server.application.receive(1, parsed(json.dumps({"type": "axis", "apply": apply, **axis, **values})))
-
-
-def test_the_page_takes_an_axis_keeps_it_and_shows_the_shape_anew() -> None:
-    integration, folder = Turnable(), Keeping()
-    with PageServer(Opened(integration, folder), port=0) as server:  # type: ignore[arg-type]
-        wait_until(lambda: ready(server))
-        before = server.application.last_state
-        assert before.axis.right_m == pytest.approx(CENTER_M[0])
-        set_axis(server, apply=False, lean_right_deg=45.0)  # only drawn
-        set_axis(server)
-        wait_until(lambda: any("52%" in text for text in logged(server)))
-        wait_until(lambda: server.application.last_state.layers.revision > before.layers.revision)
-        now = server.application.last_state.axis
-    (kept,) = folder.kept
-    assert integration.turned == [kept]
-    np.testing.assert_allclose(kept.point_m, [0.01, CENTER_M[1], CENTER_M[2]])
-    np.testing.assert_allclose(kept.direction, [math.sin(math.radians(10)), -math.cos(math.radians(10)), 0.0])
-    assert kept.estimated
-    assert (now.right_m, now.lean_right_deg, now.estimated) == (0.01, pytest.approx(10.0), True)
-
-
-def test_an_axis_that_cannot_be_kept_or_comes_amid_work_is_refused() -> None:
+def test_an_axis_is_kept_and_shown_unless_it_cannot_be_kept_or_comes_amid_work() -> None:
     integration, folder = Turnable(), Keeping()
     axis = {"right_m": 0.01, "away_m": 0.8, "lean_right_deg": 10.0, "lean_away_deg": 0.0, "apply": True}
     with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:  # type: ignore[arg-type]
@@ -158,18 +118,16 @@ def test_an_axis_that_cannot_be_kept_or_comes_amid_work_is_refused() -> None:
         tab.say(type="do", action="cancel")
         tab.state_where(lambda s: s["phase"] == "ready")
         integration.gate.set()
-    assert integration.turned == []
-    assert folder.kept == []
+        assert integration.turned == folder.kept == []
+        revision = tab.state["layers"]["revision"]
+        tab.say(type="axis", **axis)
+        state = tab.state_where(lambda s: s["layers"]["revision"] > revision)
+    assert (state["axis"]["right_m"], state["axis"]["lean_right_deg"]) == (0.01, pytest.approx(10.0))
+    assert integration.turned == folder.kept
+    np.testing.assert_allclose(folder.kept[0].point_m[[0, 2]], (0.01, 0.8))
 
 
 # --- the session -----------------------------------------------------------------------------
-
-
-def test_an_axis_survives_its_file(tmp_path: Path) -> None:
-    assert read_axis(tmp_path) is None
-    for axis in (SHIFTED, AXIS):
-        write_axis(tmp_path, axis)
-        assert same(read_axis(tmp_path), axis)
 
 
 def test_an_estimated_axis_belongs_to_the_session_and_a_set_one_replaces_it(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from page_tabs import WAIT_S, Tab, get, get_frame, post
+from page_tabs import WAIT_S, Tab, get, post
 from scene_camera import SceneCamera, opened
 
 from flatcloth.cli import main
@@ -33,7 +33,7 @@ def with_camera(integration, session, feed, settings) -> Opened:
 
 @pytest.fixture
 def camera() -> SceneCamera:
-    return SceneCamera(fps=30.0)
+    return SceneCamera()
 
 
 @pytest.fixture
@@ -141,48 +141,6 @@ def test_what_is_not_understood_is_refused_with_the_reason(server: PageServer) -
 # --- tabs ------------------------------------------------------------------------------------------
 
 
-def test_a_tab_sees_the_camera_and_leads_a_capture(
-    server: PageServer, camera: SceneCamera, tmp_path: Path
-) -> None:
-    with Tab(server) as tab:
-        state = tab.state_where(lambda s: True)
-        assert (state["mode"], state["recording"]["name"]) == ("camera", camera.name)
-        assert state["notes"] == list(camera.notes)
-        assert state["capture"]["phase"] == "idle"
-        assert get_frame(server)["image"].shape[2] == 4
-        tab.say(type="capture", action="begin")
-        tab.until(lambda m: m["type"] == "capture" and m["phase"] == "take")
-        state = tab.state_where(lambda s: s["capture"]["phase"] == "review")
-        why_not = {a["name"]: a["why_not"] for a in state["actions"] if a["mode"] == "capture"}
-        assert why_not["capture_keep"] is why_not["capture_repeat"] is None
-        assert why_not["capture_turned"]
-        tab.say(type="capture", action="aim", angle_deg=2.0)
-        tab.say(type="capture", action="keep")
-        state = tab.state_where(lambda s: s["views"])
-        refused = {a["name"] for a in state["actions"] if a["why_not"] and a["group"] in ("page", "view")}
-        assert refused == {"teach", "export", "source_image", "source_mask", "source_states"}
-        assert [(v["angle_deg"], v["why_not"]) for v in state["views"]] == [(2.0, "It is on disk.")]
-        assert open_recording(tmp_path / "coat").angles_deg == (2.0,)
-        tab.say(type="capture", action="turned")
-        tab.state_where(lambda s: s["capture"]["phase"] == "settle")
-        tab.say(type="capture", action="finish")
-        tab.state_where(lambda s: s["capture"]["phase"] == "done")
-
-
-def test_what_cannot_be_done_is_told(server: PageServer) -> None:
-    cases: list[tuple[dict[str, Any], str]] = [
-        ({"type": "capture", "action": "keep"}, "No capture is running"),
-        ({"type": "capture", "action": "dance"}, "action is 'dance'; expected one of: aim, begin, finish"),
-        ({"type": "capture", "action": "aim"}, "only aiming has an angle"),
-        ({"type": "capture", "action": "keep", "angle_deg": 4}, "only aiming has an angle"),
-        ({"type": "do", "action": "step"}, "open a recording to decide"),
-    ]
-    with Tab(server) as tab:
-        for message, told in cases:
-            tab.say(**message)
-            assert told in tab.note()["text"]
-
-
 def test_warnings_come_and_go(server: PageServer, camera: SceneCamera) -> None:
     robot = Robot(server)
     with Tab(server):
@@ -239,29 +197,8 @@ def test_bad_options_are_one_line(
     assert error.count("\n") == 1
 
 
-def test_the_page_of_a_played_file_is_served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from realsense_files import turning, write_realsense
-
-    from flatcloth.viewer.server import app
-
-    file = write_realsense(tmp_path / "still.db3", turning(lambda _t: 0.0, 1.0))
-    served: list[dict[str, Any]] = []
-
-    def look(first: Callable[[], Any], **_options: Any) -> None:
-        with PageServer(first(), port=0) as server:
-            served.append(Robot(server).until(lambda s: s["ended"] or s["camera_fps"]))
-
-    monkeypatch.setattr(app, "serve", look)
-    monkeypatch.chdir(tmp_path)
-    assert main(["view", "--camera", str(file), "--step", "15"]) == 0
-    (status,) = served
-    assert (status["camera"], status["step_deg"]) == ("still.db3", 15.0)
-    assert status["folder"].startswith("recording-")
-    assert not Path(status["folder"]).exists()  # nothing is written before a capture begins
-
-
 def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
-    camera = SceneCamera(fps=30.0)
+    camera = SceneCamera()
     camera.depth_scale_m = 0.0001  # the camera says so, and means a thousandth
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)

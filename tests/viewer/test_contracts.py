@@ -14,7 +14,7 @@ from viewer_fakes import point_on_cylinder
 from flatcloth.core.errors import FlatclothError, FlatteningError, JournalError
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.paper.merging import shows
-from flatcloth.session.machine import Accept, Cancel, Followed, Nudge, PlacedPart, Reject, Reopen
+from flatcloth.session.machine import Cancel, Followed, Nudge, PlacedPart, Reject, Reopen
 from flatcloth.viewer.modes.controller import MOST_WAITING
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
@@ -195,19 +195,6 @@ def test_what_a_tab_says_leads_to_what_all_are_told(server, integration, given, 
             leads_to(tab, said, told)
 
 
-def test_each_decision_is_kept_as_it_was_made(server, folder) -> None:
-    with Tab(server) as tab:
-        for said, told in REOPENED:
-            leads_to(tab, said, told)
-        leads_to(tab, do("undo"), {"pending": None})
-        leads_to(tab, do("redo"), {"pending.again": True})
-        leads_to(tab, do("skip", 1), {"n_later": 0, "phase": "ready"})
-    names = [type(command).__name__ for command in folder.recorded]
-    assert names[:5] == ["Start", "Started", "Propose", "Proposed", "Accept"]
-    assert names[11:] == ["Reopen", "Undo", "Redo", "Skip", "Followed", "Followed"]
-    assert folder.recorded[4] == Accept(1, pytest.approx(0.8))
-
-
 def test_a_part_that_accepting_also_places_is_shown_where_no_other_view_has_cloth(
     server, integration
 ) -> None:
@@ -274,6 +261,16 @@ def test_every_tab_is_told_the_same_also_one_that_comes_late(server) -> None:
         assert two.state_where(lambda s: s["revision"] == first["revision"]) == first
     with Tab(server) as late:
         assert late.state_where(lambda _: True) == first
+
+
+def test_what_is_not_shown_any_more_is_gone(server) -> None:
+    with Tab(server) as tab:
+        tab.proposed()
+    for path, code in (
+        ("layers/99/color.png", 204), ("overlay/99.png", 204), ("difference/99-99/color.png", 204),
+        ("other/99/color.png", 204), ("diagnostics/99-99.json", 410), ("source/0/states-99.png", 410),
+    ):  # fmt: skip
+        assert get(server, f"/{path}").status_code == code, path
 
 
 # --- the cloth under the pointer --------------------------------------------------------------------

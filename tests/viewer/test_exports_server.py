@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
-import numpy as np
 import pytest
 from exported_sessions import serving, write_cylinder, write_session
 from page_tabs import WAIT_S, Tab, get, post
@@ -23,8 +22,7 @@ from flatcloth.cli import main
 from flatcloth.core.errors import CancelledError
 from flatcloth.engine.integration import Integration
 from flatcloth.export import by_name
-from flatcloth.export.page import page
-from flatcloth.export.session import OpenedSession, open_session
+from flatcloth.export.session import OpenedSession
 from flatcloth.recordings import open_recording
 from flatcloth.viewer.routes import exports
 from flatcloth.viewer.server.app import PageServer
@@ -62,36 +60,6 @@ def shown(tab: Tab) -> dict:
     return tab.state_where(lambda s: s["pick"])["pick"]
 
 
-def test_a_pick_tells_its_grip_and_how_it_is_drawn(unchanged: PageServer) -> None:
-    with Tab(unchanged) as tab:
-        grip = shown(tab)["grip"]
-        assert grip["axis_from"] == "outline"
-        assert grip["opening_m"] == 0.06
-        assert -90 <= grip["axis_deg"] <= 90
-        assert grip["position_std_m"] < 0.001
-        assert np.array(grip["gripper_m"]).shape == (6, 2, 3)
-
-
-def test_the_axis_is_turned_by_hand_and_laid_along_the_outline_again(server: PageServer, place: Path) -> None:
-    with Tab(server) as tab:
-        before = shown(tab)["grip"]
-        tab.say(type="grip", id=1, axis_deg=30.0)
-        by_hand = tab.state_where(lambda s: s["pick"]["grip"]["axis_from"] == "hand")["pick"]["grip"]
-        assert by_hand["axis_deg"] == pytest.approx(30.0, abs=0.5)
-        assert by_hand["opening_m"] == before["opening_m"]
-        tab.say(type="grip", id=1, opening_m=0.025)
-        both = tab.state_where(lambda s: s["pick"]["grip"]["opening_m"] == 0.025)["pick"]["grip"]
-        assert both["axis_held"] == by_hand["axis_held"]
-        kept = json.loads((place / "grips.json").read_text())["grips"]["1"]
-        # Kept as it was meant; the pose has the part of it that lies across the approach.
-        assert kept == {"axis_held": pytest.approx(both["axis_held"], abs=0.02), "opening_m": 0.025}
-        exported = get(server, "/export/grasps.json", timeout=120).json()["grasps"][0]["grip"]
-        assert (exported["axis_from"], exported["opening_m"]) == ("hand", 0.025)
-        tab.say(type="grip", id=1, outline=True)
-        again = tab.state_where(lambda s: s["pick"]["grip"]["axis_from"] == "outline")["pick"]["grip"]
-        assert again["axis_held"] == before["axis_held"]
-
-
 def test_a_grip_that_is_none_is_told_and_changes_nothing(server: PageServer, place: Path) -> None:
     before = (place / "grips.json").read_bytes()
     with Tab(server) as tab:
@@ -113,15 +81,6 @@ def test_a_deleted_pick_takes_its_grip_along(server: PageServer, place: Path) ->
         tab.say(type="delete_pick", id=1)
         tab.state_where(lambda s: len(s["picks"]) == 2)
     assert json.loads((place / "grips.json").read_text())["grips"] == {}
-
-
-def test_the_page_is_that_of_the_command_line(unchanged: PageServer, written: Path) -> None:
-    answer = get(unchanged, "/export/page.html", timeout=120)
-    assert answer.status_code == 200
-    assert answer.text == page(open_session(written))
-    # Saved, never shown in the page's own place.
-    assert answer.headers["content-disposition"].startswith('attachment; filename="cylinder')
-    assert "<" not in answer.headers["content-disposition"]
 
 
 def test_the_data_are_those_of_the_command_line_with_the_scores_of_decisions_by_hand(

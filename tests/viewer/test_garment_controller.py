@@ -24,7 +24,7 @@ from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, recognise
 from flatcloth.methods.answers import Canonical, DoubtedJoint, JoinedSides
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.garment import DecidePiece, HoldPoint, SetKind, without_doubts
+from flatcloth.session.garment import DecidePiece, without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.protocol import messages as asked
@@ -109,21 +109,15 @@ def service():
 class Page:
     """Stands for the session's thread; jobs are done at once."""
 
-    def __init__(self, service, put=lambda job: job()) -> None:
+    def __init__(self, service) -> None:
         self.told = threading.Event()
-        self.answers: list[dict] = []
-        self.heard = threading.Event()
-        self.executor = Executor(put)
-        self.garments, self.tabs, self.publish = service, self, self.told.set
+        self.executor = Executor(lambda job: job())
+        self.garments, self.publish = service, self.told.set
         self.controller = GarmentController(cast("Any", self))
         self.doubts = 0
 
     def draw_again(self) -> None:
         self.doubts += 1
-
-    def tell(self, _client, message) -> None:
-        self.answers.append(msgspec.to_builtins(message))
-        self.heard.set()
 
     def follow(self, document: Document = TWO_VIEWS):
         self.told.clear()
@@ -180,20 +174,6 @@ def test_what_is_not_there_is_refused_in_words(page) -> None:
         page.controller.seen_point(unseen)
 
 
-def test_points_are_held_on_cloth_and_previewed_for_the_tab_that_asks(page) -> None:
-    page.follow()
-    assert page.decide(asked.SetKind(kind="towel")) == SetKind("towel")
-    assert page.decide(asked.SetKind(kind="none of these")) == SetKind("none of these")
-    held = page.decide(asked.HoldPoint(name="hem_left", u_m=0.1, v_m=0.2))
-    assert isinstance(held, HoldPoint)
-    assert held.point.uv_m == (0.1, 0.2)
-    page.controller.preview(7, asked.PreviewPoint(id=3, name="hem_left", u_m=0.1, v_m=0.2), TWO_VIEWS)
-    assert page.heard.wait(20)
-    (answer,) = page.answers
-    assert (answer["type"], answer["id"]) == ("garment_preview", 3)
-    assert next(p for p in answer["points"] if p["name"] == "hem_left")["uv_m"] == (0.1, 0.2)
-
-
 def test_nothing_is_recognised_of_one_view_or_while_auto_runs_and_a_reason_is_told(page, service) -> None:
     page.controller.follow(TWO_VIEWS, busy=True)
     page.controller.follow(Document(start_view=0), busy=False)
@@ -216,12 +196,6 @@ def test_while_auto_changes_the_shape_nothing_is_decided_by_the_garment_of_an_ea
     page.controller.follow(TWO_VIEWS, busy=True)
     assert not page.controller.info().working
     assert page.decide(asked.DecidePiece(label="B", accepted=True)).piece.accepted
-
-
-def test_the_garment_is_recognised_again_when_the_views_of_the_shape_change(page) -> None:
-    page.follow()
-    page.controller.follow(dataclasses.replace(TWO_VIEWS, start_view=5), busy=False)
-    assert page.controller.info().working
 
 
 @pytest.fixture

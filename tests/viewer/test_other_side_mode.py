@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from page_tabs import Has, Tab, get, leads_to
-from PIL import Image
 from viewer_fakes import HEIGHT_M, CylinderIntegration, cylinder_view
 
 from flatcloth.core.types import LaidPiece, Rigid2
@@ -115,19 +113,6 @@ def test_why_there_is_no_other_side_is_told_and_the_papers_method_has_none(serve
         leads_to(tab, SHOW, {"other": None})
 
 
-def test_its_layers_and_places_are_served_until_another_is_known(server, both):
-    with Tab(server) as tab:
-        revision = turned_over(tab, both)["revision"]
-    image = Image.open(io.BytesIO(get(server, f"/other/{revision}/color.png").content))
-    assert image.size == both.view.shape[::-1]
-    places = get(server, f"/other/{revision}/places.json").json()
-    np.testing.assert_allclose(places["seams"][0]["this_uv_m"], PLACES, atol=1e-4)
-    u = np.concatenate(places["other_outline_uv_m"])[:, 0]
-    assert u.max() - u.min() == pytest.approx(0.005 * both.view.valid.any(axis=0).sum(), abs=0.011)
-    assert get(server, f"/other/{revision + 1}/color.png").status_code == 204
-    assert get(server, f"/other/{revision}/color.png?low=2").status_code == 400
-
-
 def test_a_place_of_the_other_side_is_hovered_and_picked_there_with_its_pose(server, both):
     row, col = 20, both.view.shape[1] // 2
     u_m, v_m = both.view.uv_from_rc(np.array([row, col])).tolist()
@@ -173,25 +158,6 @@ def test_a_seam_is_cut_undone_and_kept_and_each_is_a_decision(server, both, fold
     decided = [command for command in folder.recorded if isinstance(command, DecideSeam)]
     assert [command.seam.kept for command in decided] == [False, True]
     assert all(3 <= len(command.seam.points_m) <= 40 for command in decided)
-
-
-def test_after_auto_both_sides_are_known_and_a_changed_shape_is_joined_again(server, both):
-    with Tab(server) as tab:
-        tab.ready()
-        leads_to(tab, {"type": "auto", "running": True}, {"phase": "finished", **known(both)})
-        first = tab.state["other"]["revision"]
-        tab.say(type="do", action="undo")
-        tab.state_where(lambda s: s["other"]["revision"] > first and not s["other"]["working"])
-    assert [len(document.accepted) for document in both.asked] == [3, 2]
-
-
-def test_its_seams_are_taught_once_it_is_known(server, both):
-    assert b"is being computed" in get(server, "/teaching/seams").content
-    with Tab(server) as tab:
-        turned_over(tab, both)
-    answer = get(server, "/teaching/seams?revision=1").content
-    assert b"is being computed" not in answer
-    assert b'"kind":"seams"' in answer.replace(b" ", b"")
 
 
 def test_pieces_that_seams_lay_are_shown_on_the_shape(server, both, integration, folder):

@@ -12,7 +12,6 @@ from scenes import AXIS
 
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.results.result import More, Result
-from flatcloth.export.review import Flags
 from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 from flatcloth.session.machine import Accepted, Document
 from flatcloth.viewer.modes import review
@@ -43,18 +42,3 @@ def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch
         page.picture = SimpleNamespace(revision=revision, document=document)
         assert client.get("/review/result.json").json()["revision"] == revision
     assert computed == documents[:3]
-
-
-def test_a_view_accepted_against_the_check_stays_flagged_though_its_score_has_risen() -> None:
-    integration = SimpleNamespace(accept_score=0.5, axis=AXIS)
-    service = ReviewService(cast("Any", SimpleNamespace(integration=integration)))
-    accepted = (Accepted(3, Rigid2(), score=0.9), Accepted(1, Rigid2(), score=0.9, fixed=True))
-    document = Document(start_view=0, accepted=accepted)
-
-    def told() -> dict[int, tuple[int | None, bool, tuple[str, ...]]]:
-        views = service.of_views(document)
-        return {view: (row["order"], row["flagged"], row["flags"]) for view, row in views.items()}
-
-    assert told() == {0: (0, False, ()), 1: (2, False, ("by_hand",)), 3: (1, False, ())}
-    service._flags = Flags(0.5, frozenset({3}))
-    assert told()[3] == (1, True, ("overridden",))

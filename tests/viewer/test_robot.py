@@ -56,12 +56,6 @@ def ask(server: PageServer, path: str, token: str | None = None) -> httpx.Respon
     return httpx.get(f"http://127.0.0.1:{server.port}{path}", headers=headers, timeout=30)
 
 
-def test_the_shape_is_told_with_its_garment_or_why_there_is_none(server: PageServer) -> None:
-    told = ask(server, "/robot/shape").json()
-    assert told["area_cm2"] > 0
-    assert told["garment"] is not None or told["reason"]
-
-
 def test_a_robot_that_speaks_still_hears_what_changes(server: PageServer) -> None:
     with open_socket(server, "/robot/events", origin=None) as robot:
         grasp = first_pick(server)

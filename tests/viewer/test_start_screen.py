@@ -5,14 +5,11 @@ from __future__ import annotations
 import gc
 import json
 import os
-import sys
 import threading
 import time
 import weakref
 from collections.abc import Iterator
-from importlib.machinery import ModuleSpec
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import httpx
@@ -90,14 +87,6 @@ def empty(root: Path, opener: FakeOpener) -> Iterator[PageServer]:
 
 def opened(server: PageServer, kind: str, name: str = "") -> httpx.Response:
     return post(server, "/start/open", json={"kind": kind, "name": name})
-
-
-def test_without_a_recording_the_page_is_the_start_screen(empty: PageServer) -> None:
-    assert "Recent sessions" in get(empty, "/").text
-    assert get(empty, "/layers/1/color.png").status_code == 409
-    offer = get(empty, "/start/places.json").json()
-    assert [e["name"] for e in offer["examples"]] == list(sample_recordings())
-    assert (offer["sessions"], offer["root"], offer["current"]) == ([], "root", None)
 
 
 def test_what_was_open_is_freed_at_the_switch_also_if_its_tab_stays(
@@ -270,14 +259,6 @@ def test_a_session_with_a_folder_elsewhere_is_offered_again(
     assert Places(root).place_of(elsewhere) == {"kind": "session", "name": told["name"]}
 
 
-def test_the_robot_cell_says_beforehand_what_it_needs(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "open3d", ModuleType("open3d"))
-    sys.modules["open3d"].__spec__ = ModuleSpec("open3d", None)
-    assert Places(root).plain()["cell"] == ""
-    monkeypatch.setattr("flatcloth.viewer.places.find_spec", lambda name: None)
-    assert "pip install 'flatcloth[synthesis]'" in Places(root).plain()["cell"]
-
-
 def test_a_session_below_the_root_cannot_name_a_recording_elsewhere(root: Path, tmp_path: Path) -> None:
     recording, config = open_recording(str(SAMPLE)), Config()
     SessionFolder.open(root / "session", recording, config, "robust").close()
@@ -347,13 +328,3 @@ def test_no_file_outside_the_root_is_read_for_a_session(
     header.write_text(header.read_text().replace("~/secret", "a\\u0000b"))
     with pytest.raises(RecordingError, match="Give the name of a file"):
         Places(root).chosen("folder", "session")
-
-
-def test_what_a_source_was_opened_with_is_read_again() -> None:
-    options = SourceOptions(angles=Path("a.csv"), camera_file=Path("k.json"), fov_deg=(60.0, 45.0))
-    told = json.loads(json.dumps(options.again().to_dict()))
-    assert SourceOptions.from_dict(told, "session.json") == SourceOptions(
-        angles=Path("a.csv").absolute(), camera_file=Path("k.json").absolute()
-    )
-    turned = SourceOptions(fov_deg=(60.0, 45.0), step_deg=-10.0)
-    assert SourceOptions.from_dict(json.loads(json.dumps(turned.again().to_dict())), "session.json") == turned

@@ -181,12 +181,6 @@ def test_the_flattening_is_told_as_it_is(page, integration):
     }
 
 
-def test_without_a_start_view_it_is_the_papers(page):
-    values, _ = lesson(page, "flattening")
-    assert values["start_view"] == values["view_index"]
-    assert lesson(page, "planning")[0]["start_view"] == values["start_view"]
-
-
 def test_the_sliders_reach_the_sessions_own_values():
     config = Integration(Cylinder(**CLOTH)).config
     config = replace(config, planning=replace(config.planning, z_angle_limit_deg=80.0, overlap_area_m2=0.004))
@@ -313,11 +307,3 @@ def test_hanging_up_gives_the_computation_up(page, monkeypatch):
     sent = sent_until(page, "/teaching/alignment", began)
     assert stopped.wait(WAIT_S)
     assert all(message.get("more_body", True) for message in sent)
-
-
-def test_the_check_shows_two_views_and_the_turn_on_which_they_agree(page):
-    values, body = lesson(page, "check")
-    assert_whole(values, body)
-    assert abs(values["seen_deg"] - values["recorded_deg"]) < 4 * values["std_deg"] + 2
-    share = values["parts"]["share"]
-    assert share["shape"] == [49]

@@ -101,20 +101,12 @@ def test_an_unexpected_error_is_told_and_pauses(
     assert following.picture is not None
 
 
-def test_stopping_ends_the_waiting(frames: LiveFrames) -> None:
-    frames.hold()
-    with ThreadPoolExecutor(1) as tab:
-        waiting = tab.submit(frames.after, 0)
-        frames.stop()
-        assert waiting.result() is None
-
-
 # --- the page ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[PageServer]:
-    feed, integration, session = opened(SceneCamera(fps=30.0), tmp_path / "session")
+    feed, integration, session = opened(SceneCamera(), tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat")
     controller = functools.partial(CaptureApplication, integration, session, feed=feed, settings=settings)
     with PageServer(Opened(integration, session, controller=controller), port=0) as running:

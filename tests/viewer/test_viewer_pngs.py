@@ -11,14 +11,10 @@ from route_client import RouteClient
 from viewer_fakes import PIXEL_M, CylinderIntegration, cylinder_view
 
 from flatcloth.api.integrating import flatten
-from flatcloth.core.errors import FlatclothError
 from flatcloth.recordings import open_recording
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.layers import (
-    DIFFERENCES,
-    SCALARS,
     Appearance,
-    difference_legend,
     difference_rgba,
     legend,
     rgba,
@@ -147,22 +143,10 @@ def test_a_look_that_cannot_be_is_one_clear_line(client, query):
     assert "rainbow" in answer.text or "0 <= low" in answer.text
 
 
-def test_the_page_is_told_the_maps_it_can_choose_from(client):
-    told = client.get("/colormaps.json").json()
-    assert set(told) == set(MAPS) >= {layer.map for layer in SCALARS.values()}
-    assert all(len(m["colors"]) == 17 and m["title"] for m in told.values())
-
-
 def test_a_picture_is_encoded_once(client, shown):
     first = client.get("/difference/3-7/height.png").content
     shown.picture.overlay.view = None  # would fail if it were looked at again
     assert client.get("/difference/3-7/height.png").content == first
-
-
-def test_unknown_differences_are_told():
-    with pytest.raises(FlatclothError, match="Unknown difference 'smell'"):
-        difference_legend("smell")
-    assert [difference_legend(kind)["kind"] for kind in DIFFERENCES] == ["ramp"] * 3
 
 
 def test_a_heat_map_saturates_at_its_legend():

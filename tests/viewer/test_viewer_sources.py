@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterator
-from typing import Any
 
 import cv2
 import httpx
@@ -39,15 +37,6 @@ def decoded(answer: httpx.Response) -> np.ndarray:
     return image
 
 
-def picked(server: PageServer) -> dict[str, Any]:
-    """Pick the middle of the start view."""
-    with Tab(server) as tab:
-        grid = tab.ready()["layers"]
-        size, (u, v) = grid["pixel_size_m"], grid["origin_uv_m"]
-        tab.say(type="pick", u_m=u + size * grid["cols"] / 2, v_m=v + size * grid["rows"] / 2)
-        return tab.state_where(lambda s: s["pick"])["pick"]
-
-
 def test_the_color_of_a_view_is_what_the_recording_has(server: PageServer) -> None:
     shown = decoded(get(server, "/source/1/color.jpg"))[..., ::-1].astype(float)
     true = Cylinder(angles_deg=ANGLES_DEG)[1].color
@@ -65,53 +54,11 @@ def test_the_mask_shades_what_is_not_the_item(server: PageServer) -> None:
     assert (cover[int(rows.mean()), cols.min() - 1, :3] == (60, 210, 255)).all()  # its outline, B G R
 
 
-def test_what_became_of_a_views_pixels_is_shown_and_told(server: PageServer) -> None:
-    with Tab(server) as tab:
-        state = tab.ready()
-        revision, start = state["layers"]["revision"], state["start_view"]
-    mask = Cylinder(angles_deg=ANGLES_DEG)[start].mask
-    assert mask is not None
-    image = decoded(get(server, f"/source/{start}/states-{revision}.png"))
-    assert (image[~mask, 3] > 100).all()
-    assert (image[mask, 3] == 0).mean() > 0.8  # cloth of the shape stays as it is
-    told = {row["state"]: row for row in get(server, f"/source/{start}/states-{revision}.json").json()}
-    assert told["shape"]["share"] > 0.8
-    assert told["edge"]["text"] == "beside a depth jump or an outline"
-    behind = {row["state"] for row in get(server, f"/source/4/states-{revision}.json").json()}
-    assert "not_used" in behind
-    for address in (
-        f"{start}/states-{revision + 1}.png",
-        f"9/states-{revision}.png",
-        f"0/states-{revision}.gif",
-    ):
-        assert get(server, f"/source/{address}").status_code == 410
-
-
 def test_a_view_or_a_pick_that_does_not_exist_is_said(server: PageServer) -> None:
     answer = get(server, "/source/6/color.jpg")
     assert (answer.status_code, answer.text) == (404, "View 6 does not exist.")
     assert get(server, "/source/-1/color.jpg").status_code == 404
     assert get(server, "/source/seen/9.json").status_code == 404
-
-
-def test_a_pick_is_shown_in_the_views_that_saw_it(server: PageServer) -> None:
-    pick = picked(server)
-    found = get(server, f"/source/seen/{pick['id']}.json").json()
-    by_view = {one["view_index"]: one for one in found["seen"]}
-    start = pick["view_index"]
-    assert by_view[start]["rc"] == pytest.approx(pick["source_rc"], abs=1.0)
-    x, _, z = pick["position_held_m"]
-    around_deg = np.degrees(np.arctan2(x, 0.85 - z))
-    for view, angle in enumerate(ANGLES_DEG):
-        turned = abs((around_deg + angle + 180) % 360 - 180)
-        if turned < 60:
-            assert view in by_view
-        if turned > 100:
-            assert view not in by_view
-    assert found["n_views"] == len(ANGLES_DEG) == len(found["seen"]) + sum(found["hidden"].values())
-    assert found["hidden"]["faces away"] >= 1
-    thumb = base64.b64decode(by_view[start]["thumb"].partition(",")[2])
-    assert cv2.imdecode(np.frombuffer(thumb, np.uint8), cv2.IMREAD_COLOR).shape == (72, 72, 3)
 
 
 def test_hovering_tells_the_pixel_in_the_view_that_is_shown(server: PageServer) -> None:

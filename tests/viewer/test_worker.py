@@ -23,17 +23,6 @@ def test_nobody_waits_for_a_worker_that_is_to_stop() -> None:
     gate.set()
 
 
-def test_a_worker_goes_on_after_a_job_that_failed() -> None:
-    faults: list[BaseException] = []
-    done: list[int] = []
-    worker = Worker("tested", faults.append)
-    worker.put(lambda: 1 / 0)
-    worker.put(lambda: done.append(1))
-    worker.stop(5.0)
-    assert done == [1]
-    assert [type(fault) for fault in faults] == [ZeroDivisionError]
-
-
 def test_what_nobody_waits_for_begins_when_all_else_is_done_and_what_waits_is_dropped_at_the_end() -> None:
     gate, order = threading.Event(), list[str]()
     executor = Executor(lambda job: job())
