@@ -39,7 +39,7 @@ PX_PER_MM = 8.0
     ],
 )
 def test_what_cannot_be_printed_is_refused_with_what_can(size_m, cell_m, sides, fit):
-    with pytest.raises(KitError, match=rf"^{fit} cells fit\. Choose 4 to 1000: --size up to 5 m, --cell"):
+    with pytest.raises(KitError, match=rf"^{fit} cells fit\. Choose 6 to 1000: --size up to 5 m, --cell"):
         grid_kit(size_m, cell_m, sides)
 
 
