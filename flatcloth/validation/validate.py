@@ -66,9 +66,9 @@ class Validation:
             about = legend(view, "truth", self.axis, ())
             add_ramp(axes, about["title"], about["colors"], about["low"], about["high"])
             yield f"<figure>{Figure(name=name, caption=name, drawing=drawing).svg()}</figure>"
-        for rows in (self.document[name] for name in ("errors", "depth", "pieces", "views")):
+        for name, rows in ((n, self.document[n.lower()]) for n in ("Errors", "Depth", "Pieces", "Views")):
             cells = [[v if isinstance(v, str) else f"{v:.3g}" for v in row.values()] for row in rows]
-            yield table_html([name.replace("_", " ") for name in next(iter(rows), {})], cells)
+            yield f"<h2>{name}</h2>" + table_html([k.replace("_", " ") for k in next(iter(rows), {})], cells)
 
 
 def validate(
@@ -157,7 +157,7 @@ def _lines(document: dict[str, Any]) -> list[str]:
     shape, markers, errors = document["shape"], document["markers"], document["errors"]
     asked = "as asked" if document["is_within"] else f"not the {document['within_mm']:g} mm that are asked"
     own = shape["within_3_std_share"]
-    shown = ", ".join(f"{name} to {share:.0%}" for name, share in shape["shown"].items())
+    shown = ", ".join(f"{name} to {100 * share:.0f} %" for name, share in shape["shown"].items())
     rest = [f"{e['named_from']:.1f} {e['unit']} ({e['name']})" for e in errors if not e["is_fault"]]
     other = f"No other error of the cell is seen; one of {', '.join(rest)} or more would be named."
     return [
@@ -165,7 +165,7 @@ def _lines(document: dict[str, Any]) -> list[str]:
         f"In this cell 95 % of the cloth is within {shape['p95_mm']:.1f} mm of its place, half of it within "
         f"{shape['median_mm']:.1f} mm: {asked}. Markers show {shown} (within {shape['shown_p95_mm']:.1f} and "
         f"{shape['shown_median_mm']:.1f} mm); the rest counts as wrong as the nearest that they show.",
-        *([] if own is None else [f"{own:.1%} of the cloth is within three of its own deviations."]),
+        *([] if own is None else [f"{100 * own:.1f} % of the cloth is within three of its own deviations."]),
         *(error["text"] for error in errors if error["is_fault"]),
         *([other] if rest else [] if errors else ["Markers show too little of camera, axis and angles."]),
     ]
