@@ -31,6 +31,8 @@ MARKER_SHARE = 0.8
 """Side of a marker over that of its cell. Chosen: leaves one module, an eighth of a marker, around each."""
 FEWEST, _MOST = 6, 1000
 """Fewer markers prove nothing; the dictionary of new kits has so many ids. Chosen."""
+_APART_M = 100.0
+"""Distance of the sheets in the plane of ``Kit.places_m``: beyond any cloth. Chosen."""
 _REMEDY = "Restore the file, or make a kit: flatcloth kit."
 SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 """The corners of a marker in OpenCV's order: clockwise from its own top left; x right, y down."""
@@ -90,11 +92,7 @@ class Kit(msgspec.Struct, frozen=True, dict=True):
     @cached_property
     def places_m(self) -> dict[int, Float64]:
         """The corners (4, 2) of each id, all sheets in one plane."""
-        return {i: corners + self.sheet_at_m(self.sheet[i]) for i, corners in self.corners_m.items()}
-
-    def sheet_at_m(self, sheet: int) -> Float64:
-        """Return the place (2,) of a sheet's origin in that plane: sheets are three widths apart."""
-        return np.array([3e-3 * (sheet - 1) * self.size_mm[0], 0.0])
+        return {i: self.corners_m[i] + ((sheet - 1) * _APART_M, 0.0) for i, sheet in self.sheet.items()}
 
     @property
     def side_m(self) -> float:
@@ -212,7 +210,7 @@ def _drawn(kit: Kit, sheet: int, size: Float64, low: Float64, high: Float64, pla
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(corner[0], corner[0] + size[0]), ylim=(corner[1] + size[1], corner[1]))
     axes.set_axis_off()
-    middles = 1e3 * (_modules(kit)[0] - kit.sheet_at_m(sheet))
+    middles = 1e3 * (_modules(kit)[0] - ((sheet - 1) * _APART_M, 0.0))
     middles = middles[((middles > low) & (middles < high)).all(axis=1)]
     side = 1e3 * kit.side_m / len(dictionary_codes(kit.dictionary)[0])
     corners = middles[:, None] + side / 2 * SQUARE  # kits to be printed are upright
@@ -256,7 +254,8 @@ def printed_cloth(kit: Kit) -> Callable[[Float64, int], Float64]:
     nearest = cKDTree(np.concatenate([black, white]))
 
     def rgb(uv_m: Float64, panel: int) -> Float64:
-        is_black = nearest.query(uv_m + np.array(kit.size_mm) / 2e3 + kit.sheet_at_m(panel))[1] < len(black)
+        origin_m = np.array(kit.size_mm) / 2e3 + ((panel - 1) * _APART_M, 0.0)
+        is_black = nearest.query(uv_m + origin_m)[1] < len(black)
         return np.where(is_black[:, None], _INK, _CLOTH) * np.ones(3)
 
     return rgb
