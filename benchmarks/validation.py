@@ -45,8 +45,7 @@ def measured(name: str) -> list[Row]:
     recording, truth = Remembered(open_recording(name)), Truth(name)
     kit = read_kit(Path(name) / "kit.json")
     found = validate(recording, kit, sides="both" if len({*kit.sheet.values()}) > 1 else "one")
-    row = {"recording": recording.name} | markers_of(found, truth, kit)
-    return [row | compared(found, recording, truth)]
+    return [{"recording": recording.name} | markers_of(found, truth, kit) | compared(found, recording, truth)]
 
 
 def markers_of(found: Validation, truth: Truth, kit: Kit) -> Row:
@@ -71,16 +70,18 @@ def markers_of(found: Validation, truth: Truth, kit: Kit) -> Row:
 
 
 def compared(found: Validation, recording: Any, truth: Truth) -> Row:
-    """Return the errors by the kit and by the truth, those of the cell, and the size found of faults."""
+    """Return errors by the kit and by the truth, of the same pixels too, and the sizes found of faults."""
     row: Row = {"shown": found.document["shape"]["shown"]}
     unmasked = altered(recording, read=lambda n: images_of(recording[n])._replace(mask=None))
     for by_kit in found.document["pieces"]:
         side, _, piece = by_kit["piece"].partition(",")
         if not piece:
             its_truth = truth if side == "this side" else OtherTruth(truth, len(recording))
-            true = compare(found.shape[side], its_truth, unmasked).evaluation
-            for key in ("median_mm", "p95_mm"):
-                row[f"{side} {key}"] = [by_kit[key], getattr(true, f"absolute_{key}")]
+            view = found.shape[side]
+            for of, valid in (("", view.valid), ("shown_", found.truth.compared(view)[0])):
+                true = compare(replace(view, valid=valid), its_truth, unmasked).evaluation
+                for key in ("median_mm", "p95_mm"):
+                    row[f"{side} {of}{key}"] = [by_kit[of + key], getattr(true, f"absolute_{key}")]
     axis, angles = recording.rotation_axis, np.array(recording.angles_deg)
     for fault, size in FAULTS:
         factor = 1 + size / 100
@@ -89,9 +90,8 @@ def compared(found: Validation, recording: Any, truth: Truth) -> Row:
         aside_m = (fault == "axis") * size * np.array([0.0006, 0.0, 0.0008])
         off_deg = (fault == "angles") * size * (-1.0) ** np.arange(len(angles))
         its_axis = replace(axis, point_m=axis.point_m + aside_m)
-        errors, _ = adjusted(
-            seen, found.truth.kit, its_axis, recording.held_point_m, (angles + off_deg).tolist()
-        )
+        cell = its_axis, recording.held_point_m, (angles + off_deg).tolist()
+        errors, _ = adjusted(seen, found.truth.kit, *cell)
         row[f"{fault} {size:g}"] = {
             e["name"]: [round(e["size"], 2), round(e["std"], 2), e["is_fault"]] for e in errors
         }

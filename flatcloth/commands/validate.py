@@ -28,7 +28,7 @@ class Options(Output, Sides, Method, Source):
 def run(options: Options) -> int:
     """Validate, and say what is off; 1 if the cloth is not as near to its place as is asked."""
     from flatcloth.recordings import open_recording
-    from flatcloth.validation.markers import kit_of
+    from flatcloth.validation.kit import kit_of
     from flatcloth.validation.validate import validate
 
     recording = open_recording(options.source, options.source_options())

@@ -173,12 +173,9 @@ def _errors(found: Float64, std: Float64, distance_m: float, below_m: float) -> 
 
 
 def _spread(off: Float64, variance: Float64) -> tuple[float, float]:
-    """Return the deviation of errors (V,) of views beyond the variances (V,) of their estimates, and its own.
-
-    That of most likelihood, by the scoring of Fisher.
-    """
+    """Return the likeliest deviation of errors (V,) beyond their estimates' variances (V,), and its own."""
     square = 0.0
-    for _ in range(_STEPS):
+    for _ in range(_STEPS):  # Fisher scoring
         weight = np.square(1 / (square + variance))
         square = max(float(np.average(np.square(off) - variance, weights=weight)), 0.0)
     return math.sqrt(square), math.sqrt(square + math.sqrt(2 / weight.sum())) - math.sqrt(square)

@@ -18,6 +18,7 @@ from flatcloth.core.decoding import MisfitError, fitted
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.types import Bool, Float64
 from flatcloth.export.files import write_file
+from flatcloth.recordings.base import Recording
 from flatcloth.recordings.files.text import load_table
 from flatcloth.rendering.drawing import figure_of
 
@@ -28,8 +29,10 @@ HEM_M = 0.015
 """Plain margin of a sheet. Chosen: the seam allowance of sewing patterns."""
 MARKER_SHARE = 0.8
 """Side of a marker over that of its cell. Chosen: leaves one module, an eighth of a marker, around each."""
-_LEAST, _MOST = 4, 1000
-"""Least and most markers of new kits: as many as their dictionary has ids."""
+FEWEST, _MOST = 6, 1000
+"""Fewer markers prove nothing; the dictionary of new kits has so many ids. Chosen."""
+_APART_M = 100.0
+"""Distance of the sheets in the plane of ``Kit.places_m``: beyond any cloth. Chosen."""
 _REMEDY = "Restore the file, or make a kit: flatcloth kit."
 SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 """The corners of a marker in OpenCV's order: clockwise from its own top left; x right, y down."""
@@ -88,9 +91,8 @@ class Kit(msgspec.Struct, frozen=True, dict=True):
 
     @cached_property
     def places_m(self) -> dict[int, Float64]:
-        """The corners (4, 2) of each id, those of sheet 2 three widths to the right of those of sheet 1."""
-        apart_m = 3e-3 * self.size_mm[0]
-        return {i: self.corners_m[i] + ((sheet - 1) * apart_m, 0.0) for i, sheet in self.sheet.items()}
+        """The corners (4, 2) of each id, all sheets in one plane."""
+        return {i: self.corners_m[i] + ((sheet - 1) * _APART_M, 0.0) for i, sheet in self.sheet.items()}
 
     @property
     def side_m(self) -> float:
@@ -127,6 +129,14 @@ def read_kit(path: Path) -> Kit:
     return kit
 
 
+def kit_of(recording: Recording, given: Path | None = None) -> Kit:
+    """Read the kit that was given, else the ``kit.json`` in the folder of the recording."""
+    path = given or Path(recording.location) / "kit.json"
+    if not (kit := read_kit(path)).is_measured:
+        raise KitError(f"{path}: stickers are not measured. Photograph them: flatcloth kit --from-photo.")
+    return kit
+
+
 def write_kit(kit: Kit, path: Path) -> None:
     """Write a ``kit.json``."""
     write_file(path, msgspec.json.format(msgspec.json.encode(kit), indent=0))
@@ -149,8 +159,8 @@ def grid_kit(size_m: tuple[float, float], cell_m: float, sides: int, stickers: i
     columns, rows = (max(int((side - 2 * HEM_M) / max(1e-3, cell_m) + 1e-6), 0) for side in size_m)
     fit = columns * rows * sides
     count = fit if stickers is None else stickers
-    if not (0.005 <= cell_m <= 0.18 and max(size_m) <= 5.0 and _LEAST <= count <= min(fit, _MOST)):
-        raise KitError(f"{fit} cells fit. Choose {_LEAST} to {_MOST}: --size up to 5 m, --cell 5 to 180.")
+    if not (0.005 <= cell_m <= 0.18 and max(size_m) <= 5.0 and FEWEST <= count <= min(fit, _MOST)):
+        raise KitError(f"{fit} cells fit. Choose {FEWEST} to {_MOST}: --size up to 5 m, --cell 5 to 180.")
     first = (np.array(size_m) - np.array([columns, rows]) * cell_m) / 2
     cells = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 1, 2)
     corners_m = first + (SQUARE * MARKER_SHARE / 2 + 0.5 + cells) * cell_m
@@ -174,14 +184,13 @@ def tiles(kit: Kit) -> list[Figure]:
     return found
 
 
-def _modules(kit: Kit, sheet: int) -> tuple[Float64, Float64]:
-    """Return the middles (K, 2) of the black modules of a sheet, and those of the white ones, in metres.
+def _modules(kit: Kit) -> tuple[Float64, Float64]:
+    """Return the middles (K, 2) of all black modules, and those of the white ones, as ``places_m``.
 
     A plain module around each marker is white as well.
     """
-    ids = [i for i in kit.corners_m if kit.sheet[i] == sheet]
-    black = np.pad(dictionary_codes(kit.dictionary), ((0, 0), (1, 1), (1, 1)))[ids]
-    corners = np.reshape([kit.corners_m[i] for i in ids], (-1, 4, 1, 1, 2))
+    black = np.pad(dictionary_codes(kit.dictionary), ((0, 0), (1, 1), (1, 1)))[list(kit.places_m)]
+    corners = np.reshape(list(kit.places_m.values()), (-1, 4, 1, 1, 2))
     down, right = ((np.indices(black.shape[1:]) - 0.5) / (len(black[0]) - 2))[..., None]
     origin = corners[:, 0]
     middles = origin + right * (corners[:, 1] - origin) + down * (corners[:, 3] - origin)
@@ -201,7 +210,7 @@ def _drawn(kit: Kit, sheet: int, size: Float64, low: Float64, high: Float64, pla
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(corner[0], corner[0] + size[0]), ylim=(corner[1] + size[1], corner[1]))
     axes.set_axis_off()
-    middles = 1e3 * _modules(kit, sheet)[0]
+    middles = 1e3 * (_modules(kit)[0] - ((sheet - 1) * _APART_M, 0.0))
     middles = middles[((middles > low) & (middles < high)).all(axis=1)]
     side = 1e3 * kit.side_m / len(dictionary_codes(kit.dictionary)[0])
     corners = middles[:, None] + side / 2 * SQUARE  # kits to be printed are upright
@@ -241,13 +250,12 @@ def printed_cloth(kit: Kit) -> Callable[[Float64, int], Float64]:
     Sheet 1 is on panel 1, sheet 2 on panel 2, its middle on the middle of the plane, x along u and y along
     v: places of the kit and of the truth differ by a shift. Beyond its sheet a panel is plain.
     """
-    modules = {sheet: _modules(kit, sheet) for sheet in {*kit.sheet.values()}}
-    nearest = {sheet: cKDTree(np.concatenate(middles)) for sheet, middles in modules.items()}
+    black, white = _modules(kit)
+    nearest = cKDTree(np.concatenate([black, white]))
 
     def rgb(uv_m: Float64, panel: int) -> Float64:
-        is_black = np.zeros(len(uv_m), dtype=bool)
-        if panel in modules:
-            is_black = nearest[panel].query(uv_m + np.array(kit.size_mm) / 2e3)[1] < len(modules[panel][0])
+        origin_m = np.array(kit.size_mm) / 2e3 + ((panel - 1) * _APART_M, 0.0)
+        is_black = nearest.query(uv_m + origin_m)[1] < len(black)
         return np.where(is_black[:, None], _INK, _CLOTH) * np.ones(3)
 
     return rgb

@@ -12,7 +12,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -26,7 +25,7 @@ from scipy.spatial import Delaunay
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int64, Progress, RgbdFrame, Uint8, no_progress
 from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.recordings.base import Recording
-from flatcloth.validation.kit import SQUARE, Kit, KitError, dictionary_codes, lengths, marker_at, read_kit
+from flatcloth.validation.kit import FEWEST, SQUARE, Kit, KitError, dictionary_codes, lengths, marker_at
 
 _MOST_UP, _LARGE_PX = 3, 2600
 """Images are enlarged to so many times and pixels at most before reading. Chosen: codes of 17 px are read."""
@@ -42,8 +41,6 @@ _STIFFNESS = (*[1.0] * 5, *[0.01] * 9)
 _LEAST_PIXELS, _LEAST_SHARE, _OUTLIER = 24, 0.7, 3.0
 """Measured pixels inside a marker for its depth, their share, and the deviations beyond which one does not
 count. Chosen: four times the unknowns."""
-_FEWEST = 6
-"""Fewer markers prove nothing. Chosen."""
 
 
 def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
@@ -55,8 +52,8 @@ def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
     gray = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
     slopes = [cv2.Sobel(gray, cv2.CV_32F, k, 1 - k, scale=1 / 8) for k in (1, 0)]
     image = np.dstack([gray.astype(np.float32), *slopes])
-    prints, ids, sheets = dictionary_codes(kit.dictionary), *np.array(list(kit.sheet.items())).T
-    centers = np.stack([kit.corners_m[i].mean(axis=0) for i in kit.sheet])
+    prints, ids = dictionary_codes(kit.dictionary), np.array(list(kit.places_m))
+    centers = np.stack([corners.mean(axis=0) for corners in kit.places_m.values()])
     found: dict[int, Float64] = {}
     waiting = deque(_read(gray, kit))
     while waiting:
@@ -65,7 +62,7 @@ def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
             found[i] = corners_px
             motion = cv2.getPerspectiveTransform(*np.array([kit.corners_m[i], corners_px], dtype=np.float32))
             apart = np.linalg.norm(centers - centers[ids == i], axis=1) / kit.reach_m
-            around = ids[(apart <= kit.is_measured) & (sheets == kit.sheet[i])].tolist()
+            around = ids[apart <= kit.is_measured].tolist()
             waiting += [(n, cv2.perspectiveTransform(kit.corners_m[n][None], motion)[0]) for n in around]
     return dict(sorted(found.items()))
 
@@ -133,7 +130,7 @@ def _looked_up(image: NDArray[np.float32], at_px: Float64) -> Float64:
     return np.asarray(cv2.remap(image, x, y, cv2.INTER_CUBIC)[0], dtype=np.float64)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Sightings:
     """All sightings of markers, one row each: ``view``, ``marker`` the id (M,), ``corners_px`` (M, 4, 2).
 
@@ -169,14 +166,13 @@ def sightings_of(recording: Recording, kit: Kit, progress: Progress = no_progres
         frame = recording[n]
         found = found_markers(frame.color, kit)
         rows += [(n, marker, corners, *_surface(frame, corners)) for marker, corners in found.items()]
-    columns: list[Any] = [np.array(each) for each in zip(*rows, strict=True)] or [np.zeros(0)] * 5
-    view, marker, corners_px, corners_m, noise_m = columns
-    if len(set(marker)) < _FEWEST:
+    seen = Sightings(*[np.array(each) for each in zip(*rows, strict=True)] or [np.zeros(0)] * 5)
+    if len(set(seen.marker)) < FEWEST:
         raise KitError(
-            f"{recording.location}: {len(set(marker))} markers of the kit {kit.name} are found. Give the kit "
-            "that was printed with --kit, and record nearer or sharper: a marker needs 12 pixels."
+            f"{recording.location}: {len(set(seen.marker))} markers of the kit {kit.name} are found. Give "
+            "the kit that was printed with --kit, and record nearer or sharper: a marker needs 12 pixels."
         )
-    return Sightings(view=view, marker=marker, corners_px=corners_px, corners_m=corners_m, noise_m=noise_m)
+    return seen
 
 
 def _surface(frame: RgbdFrame, corners_px: Float64) -> tuple[Float64, float]:
@@ -249,21 +245,13 @@ class KitTruth:
         return replace(view, error_m=error_m)
 
 
-def kit_of(recording: Recording, given: Path | None = None) -> Kit:
-    """Read the kit that was given, else the ``kit.json`` in the folder of the recording."""
-    path = given or Path(recording.location) / "kit.json"
-    if not (kit := read_kit(path)).is_measured:
-        raise KitError(f"{path}: stickers are not measured. Photograph them: flatcloth kit --from-photo.")
-    return kit
-
-
 def measured_kit(kit: Kit, photo: Uint8) -> Kit:
     """Return a kit of the stickers in a photo (H, W, 3), RGB, of a garment that lies flat.
 
     The homography of the photo is the one that makes squares of them.
     """
     seen = found_markers(photo, msgspec.structs.replace(kit, is_measured=False))
-    if len(seen) < _FEWEST:
+    if len(seen) < FEWEST:
         raise KitError(f"{len(seen)} stickers are read. Take the photo from above, near and sharp.")
     corners_px, square = np.stack(list(seen.values())), kit.side_m / 2 * SQUARE
 

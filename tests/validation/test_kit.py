@@ -20,6 +20,7 @@ from flatcloth.validation.kit import (
     KitError,
     dictionary_codes,
     grid_kit,
+    printed_cloth,
     read_kit,
     write_kit,
     write_pages,
@@ -39,7 +40,7 @@ PX_PER_MM = 8.0
     ],
 )
 def test_what_cannot_be_printed_is_refused_with_what_can(size_m, cell_m, sides, fit):
-    with pytest.raises(KitError, match=rf"^{fit} cells fit\. Choose 4 to 1000: --size up to 5 m, --cell"):
+    with pytest.raises(KitError, match=rf"^{fit} cells fit\. Choose 6 to 1000: --size up to 5 m, --cell"):
         grid_kit(size_m, cell_m, sides)
 
 
@@ -83,6 +84,7 @@ def test_a_whole_page_measures_as_the_kit_says_to_a_tenth_of_a_millimetre(tmp_pa
     kit = grid_kit((0.2, 0.15), 0.03, 2)
     write_pages(kit, tmp_path / "kit")
     assert len(pypdfium2.PdfDocument(tmp_path / "kit" / "kit-whole.pdf")) == 2
+    assert (printed_cloth(kit)(np.mgrid[0.12:1.2:0.01, -0.07:0.07:0.01].reshape(2, -1).T, 1) > 0.5).all()
     page = painted(tmp_path / "kit" / "kit-whole.pdf", 1)
     assert page.shape == (150 * PX_PER_MM, 200 * PX_PER_MM)
     second = [i for i in kit.sheet if kit.sheet[i] == 2]

@@ -82,13 +82,11 @@ def test_markers_give_the_place_of_the_pixels_between_them():
     assert off_mm[known].max() < 1.5
 
 
-def test_nothing_is_found_of_another_kit_of_mirrored_cloth_or_without_cloth():
+def test_nothing_is_found_of_another_kit_or_of_mirrored_cloth():
     kit = grid_kit((0.48, 0.48), 0.03, 1)
     image = on_cylinder(kit)
     other = replace(kit, {i + 300: c for i, c in kit.corners_m.items()}, dict.fromkeys(range(300, 525), 1))
-    for seen in (found_markers(image, other), found_markers(image[:, ::-1].copy(), kit)):
-        assert not seen
-    assert not found_markers(np.full((100, 120, 3), 90, np.uint8), kit)
+    assert not found_markers(image, other) | found_markers(image[:, ::-1].copy(), kit)
 
 
 def replace(kit: Kit, corners_m: dict[int, np.ndarray], sheet: dict[int, int], **changed: Any) -> Kit:

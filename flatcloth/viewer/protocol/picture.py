@@ -24,7 +24,8 @@ from flatcloth.rendering.layers import CONFLICT_M, difference, legends
 from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Document, Pending
 from flatcloth.shape.shape import Change
-from flatcloth.validation.markers import KitTruth, found_markers, kit_of
+from flatcloth.validation.kit import kit_of
+from flatcloth.validation.markers import KitTruth, found_markers
 from flatcloth.viewer.protocol.answers import HoverAnswer, PixelValues, SourcePlace
 from flatcloth.viewer.protocol.messages import Hover
 from flatcloth.viewer.protocol.sent import UV, Legend, typed
@@ -163,10 +164,9 @@ def make_picture(
     if sheet is not drawn and (truth := truth_of(integration.recording)) is not None:
         sheet = replace(sheet, view=truth.with_errors(sheet.view, sheet.piece))
     same = previous if previous is not None and previous.sheet is sheet else None
-    if same is not None:
-        shape_legends = same.legends
-    else:
-        shape_legends = typed(legends(sheet.view, integration.axis, angles_deg), dict[str, Legend])
+    shape_legends = (
+        same.legends if same else typed(legends(sheet.view, integration.axis, angles_deg), dict[str, Legend])
+    )
     overlay = None
     if document.pending is not None:
         before = None if previous is None else previous.overlay
