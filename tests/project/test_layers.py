@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 
-NEVER_AT_START = {"open3d", "pyrealsense2", "libusb_package", "rosbags", "OpenEXR", "matplotlib"}
+NEVER_AT_START = {"open3d", "pyrealsense2", "libusb_package", "rosbags", "matplotlib"}
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Depth images of other programs: PNG, TIFF, OpenEXR, NumPy and organised PCD.
+"""Depth images of other programs: PNG, TIFF, NumPy and organised PCD.
 
 Headers are read first. As for color, an image is decoded only after its size has been compared
 with the camera's.
@@ -18,18 +18,16 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.types import Float32
 from flatcloth.recordings.files import pcd
-from flatcloth.recordings.files.exr import read_exr_header, read_exr_pixels
 from flatcloth.recordings.files.images import ImageHeader, decode_raw, read_bytes, read_header
 
 _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
 _TIFF_TAGS = frozenset((256, 257, 258, 273, 277, 279, 324, 325, 339))
 """TIFF 6.0: width, height, bits, samples and their format, and where strips and tiles lie."""
-_EXR = b"v/1\x01"
 _NPY = b"\x93NUMPY"
 FARTHEST_M = 100.0
 """Programs write a very large number, or infinity, where a ray meets no surface."""
 
-KINDS = "16-bit PNG, TIFF, OpenEXR or NPY with one channel, or organised PCD"
+KINDS = "16-bit PNG, TIFF or NPY with one channel, or organised PCD"
 
 
 def read_depth_header(path: Path) -> ImageHeader:
@@ -47,8 +45,6 @@ def read_depth_header(path: Path) -> ImageHeader:
                 header = _tiff_header(file, _TIFF[start[:4]])
             elif start.startswith(_NPY):
                 header = _npy_header(path)
-            elif start.startswith(_EXR):
-                header = read_exr_header(path)
             elif start.startswith(pcd.START):
                 header = pcd.read_pcd_header(path)
             else:
@@ -100,8 +96,6 @@ def _decode(path: Path, header: ImageHeader) -> NDArray[Any]:
         data = read_bytes(path)
         values: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
         return values.reshape(header.height, header.width)
-    if header.kind == "exr":
-        return read_exr_pixels(path)
     if header.kind == "pcd":
         return pcd.read_pcd(path).depth_m
     return decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))

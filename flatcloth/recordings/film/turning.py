@@ -1,4 +1,4 @@
-"""The item's angle over time: a table of times and angles, or a constant speed."""
+"""The item's angle over time: a table of times and angles."""
 
 from __future__ import annotations
 
@@ -37,14 +37,6 @@ class Turning:
         if angles.size == 0:
             return self.at((start_s + end_s) / 2), 0.0
         return float(np.median(angles)), float(np.ptp(angles))
-
-
-def constant_turning(speed_deg_s: float, seconds: float) -> Turning:
-    """Return a rotation at constant speed, beginning with the first frame."""
-    if not math.isfinite(speed_deg_s) or not 0.01 <= abs(speed_deg_s) <= 360:
-        raise RecordingError(f"--turning-speed {speed_deg_s:g}: give 0.01 to 360 degrees per second.")
-    ends = np.array([0.0, max(seconds, 1e-3)])
-    return Turning(times_s=ends, angles_deg=ends * speed_deg_s)
 
 
 def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:

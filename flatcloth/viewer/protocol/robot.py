@@ -7,12 +7,79 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from flatcloth.export.formats.documents import Grasp, Matrix4, Written
 from flatcloth.viewer.protocol.messages import MAX_NAME_CHARS, Count, Metres, Pointed
 from flatcloth.viewer.protocol.posted import PostedView
 
 PROTOCOL: Literal["flatcloth-robot/1"] = "flatcloth-robot/1"
 """The number grows with a change that a client must know; fields may be added without."""
+
+
+_XYZ = tuple[float | None, float | None, float | None]
+"""Metres, or a unit vector; None: unknown."""
+Matrix4 = tuple[
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+]
+"""The four rows of a rigid motion, metres."""
+
+
+class Written(msgspec.Struct, frozen=True, kw_only=True):
+    """What is sent to robots; a grasp is as ``grasps.json`` has it."""
+
+
+class FlattenedPlace(Written, frozen=True):
+    """The pixel of a flattened file that is nearest to a point, and its distance in space."""
+
+    file: str
+    row: int
+    col: int
+    uv_m: tuple[float | None, float | None]
+    distance_m: float | None
+
+
+class GripEntry(Written, frozen=True):
+    """How a parallel gripper takes the cloth: approach and axis are unit vectors in the object frame."""
+
+    approach: _XYZ
+    axis: _XYZ
+    axis_from: str
+    opening_m: float | None
+    outline_distance_m: float | None
+
+
+class UncertaintyEntry(Written, frozen=True):
+    """Standard deviations of a grasp pose."""
+
+    position_m: float | None
+    normal_deg: float | None
+    axis_deg: float | None
+    placement_m: float | None
+
+
+class PoseEntry(Written, frozen=True):
+    """A rigid pose in one frame."""
+
+    position_m: _XYZ
+    quaternion_wxyz: tuple[float | None, float | None, float | None, float | None]
+    matrix: Matrix4
+
+
+class Grasp(Written, frozen=True):
+    """A pick or a named point, with its pose in the frames ``held``, ``camera`` and, if known, ``base``."""
+
+    id: int
+    name: str
+    side: Literal["this", "other"]
+    position_m: _XYZ
+    normal: _XYZ
+    view_index: int
+    source_rc: tuple[float | None, float | None]
+    grip: GripEntry | None
+    poses: dict[Literal["held", "camera", "base"], PoseEntry] | None
+    flattened: FlattenedPlace | None = None
+    uncertainty: UncertaintyEntry | None = None
 
 
 class Hello(Written, tag_field="type", tag="hello", frozen=True):

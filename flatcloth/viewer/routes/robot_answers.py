@@ -13,7 +13,6 @@ import flatcloth
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.garment.recognition import KnownGarment
-from flatcloth.export.formats.documents import Grasp
 from flatcloth.export.garment import garment_document
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
@@ -22,6 +21,7 @@ from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.robot import (
     PROTOCOL,
+    Grasp,
     Hello,
     PickChanged,
     PickDeleted,
