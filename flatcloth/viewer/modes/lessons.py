@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.checking.lesson import CheckLesson
+from flatcloth.checking.check import CheckLesson
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, RotationAxis, Uint8, finite

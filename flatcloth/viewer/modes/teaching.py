@@ -17,7 +17,7 @@ from typing import Any
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
-from flatcloth.checking.lesson import check_lesson
+from flatcloth.checking.check import check_lesson
 from flatcloth.core.errors import CancelledError
 from flatcloth.core.parcel import record
 from flatcloth.core.types import Progress
