@@ -12,11 +12,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from flatcloth.batch.engines import Answer, Engine
-from flatcloth.batch.review import read_verdicts
-from flatcloth.batch.rows import CRASHED, DONE, UNFINISHED, next_attempt, read_row, rows_in, write_row
-from flatcloth.batch.runner import Limits
-from flatcloth.batch.table import write_table
+from flatcloth.batch.engines import Answer, Engine, Limits
+from flatcloth.batch.report import read_verdicts
+from flatcloth.batch.rows import (
+    CRASHED,
+    DONE,
+    UNFINISHED,
+    next_attempt,
+    read_row,
+    rows_in,
+    write_row,
+    write_table,
+)
 from flatcloth.batch.tasks import Task, quick_signature
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.methods.registry import load_method

@@ -47,7 +47,7 @@ from flatcloth.core.errors import RecordingError, SurfaceError
 from flatcloth.core.types import Float64, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.growing import GrowingRecording
+from flatcloth.recordings.writer import GrowingRecording
 from flatcloth.registration.axis_estimation import UP, choose_views
 from flatcloth.registration.view_features import ViewFeatures
 

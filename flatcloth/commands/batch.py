@@ -6,10 +6,9 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flatcloth.commands.common import ProgressBar
 from flatcloth.commands.options import Engine as EngineOptions
 from flatcloth.commands.options import Method, Output, SourceInformation, option
-from flatcloth.commands.output import announce, report, say
+from flatcloth.commands.output import ProgressBar, announce, report, say
 from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
@@ -59,7 +58,7 @@ def run(options: Options) -> None:
     from flatcloth.batch.drive import owned, run_batch
     from flatcloth.batch.engines import engine_of
     from flatcloth.batch.report import write_report
-    from flatcloth.batch.table import PARQUET
+    from flatcloth.batch.rows import PARQUET
     from flatcloth.batch.tasks import tasks_of
 
     out = options.out.expanduser()

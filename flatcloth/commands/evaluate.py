@@ -10,9 +10,8 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Any
 
-from flatcloth.commands.common import ProgressBar
 from flatcloth.commands.options import JOBS, Engine, Method, Output, Sides, option
-from flatcloth.commands.output import report, say
+from flatcloth.commands.output import ProgressBar, report, say
 from flatcloth.core.errors import FlatclothError
 
 SUMMARY = "integrate unattended and compare with the truth"
@@ -88,7 +87,7 @@ def _garment_line(garment: dict[str, Any]) -> str:
 
 
 def _one_by_one(options: Options) -> Iterator[dict[str, Any]]:
-    from flatcloth.batch.evaluate import evaluate_one
+    from flatcloth.batch.jobs import evaluate_one
 
     for source in options.sources:
         with ProgressBar(Path(source).name) as bar:

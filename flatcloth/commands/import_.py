@@ -6,9 +6,8 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from flatcloth.commands.common import ProgressBar
 from flatcloth.commands.options import Output, Source, option
-from flatcloth.commands.output import report
+from flatcloth.commands.output import ProgressBar, report
 from flatcloth.core.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ def run(options: Options) -> None:
     """Read the source, write the folder, and print a summary."""
     from flatcloth.checking.check import check_recording
     from flatcloth.recordings import open_recording
-    from flatcloth.recordings.copying import copy_recording
+    from flatcloth.recordings.writer import copy_recording
 
     with ProgressBar(Path(options.source).name) as bar:
         recording = _opened(options, bar)

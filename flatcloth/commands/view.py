@@ -213,7 +213,7 @@ def opened_cell(options: Options) -> Opened:
     FlatclothError
         If the mesh cannot be shown, or the folder cannot be written.
     """
-    from flatcloth.active.station import view_of_cell
+    from flatcloth.active.eye import view_of_cell
     from flatcloth.engine.warmup import compile_beside
 
     options.aim()  # an invalid goal is reported before the mesh is read

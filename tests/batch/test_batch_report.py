@@ -23,8 +23,7 @@ from exported_sessions import write_cylinder
 from full_disks import fill_disk
 from route_client import RouteClient
 
-from flatcloth.batch.report import command_of, report_html, write_report
-from flatcloth.batch.review import decide, read_verdicts, reliability
+from flatcloth.batch.report import command_of, decide, read_verdicts, reliability, report_html, write_report
 from flatcloth.batch.rows import FORMAT, write_row
 from flatcloth.cli import main
 from flatcloth.core.errors import JournalError

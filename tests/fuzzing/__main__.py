@@ -23,7 +23,7 @@ _IMPORTED = (
     "flatcloth.cli", "flatcloth.recordings.ros.mcap_file", "flatcloth.recordings.ros.rvl",
     "flatcloth.engine.integration", "flatcloth.recordings.ros.recording",
     "flatcloth.recordings.realsense.turned",
-    "flatcloth.recordings.registry", "flatcloth.recordings.folder", "flatcloth.recordings.copying",
+    "flatcloth.recordings.registry", "flatcloth.recordings.folder", "flatcloth.recordings.writer",
     "flatcloth.synthesis.recording", "flatcloth.export.session", "flatcloth.engine.outcome",
     "flatcloth.engine.headless", "flatcloth.engine.evaluation",
     "flatcloth.methods.paper.method", "flatcloth.methods.robust.method",

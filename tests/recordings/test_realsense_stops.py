@@ -10,9 +10,9 @@ import pytest
 from realsense_files import Shot, stop_and_go, turning
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings.film.averaging import average_color, average_depth
+from flatcloth.recordings.film.angles import read_turning
+from flatcloth.recordings.film.recording import average_color, average_depth
 from flatcloth.recordings.film.stillness import STILL_PX_S, MotionMeter, Stop, find_stops, glance
-from flatcloth.recordings.film.turning import read_turning
 
 
 def speeds(shots: Iterable[Shot]) -> list[float]:

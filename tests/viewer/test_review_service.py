@@ -12,7 +12,7 @@ from scenes import AXIS
 
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.results.result import More, Result
-from flatcloth.export.review import Flags
+from flatcloth.export.history import Flags
 from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 from flatcloth.session.machine import Accepted, Document
 from flatcloth.viewer.modes import review

@@ -25,7 +25,7 @@ from flatcloth.export.files import write_text
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.grasping.visibility import Visibility, project, visibility_in
 from flatcloth.recordings import SourceOptions, open_recording
-from flatcloth.rendering.thumbnails import jpeg
+from flatcloth.rendering.pictures import jpeg
 from flatcloth.session.header import HEADER, read_header
 
 ANNOTATIONS = "annotations.json"

@@ -18,7 +18,7 @@ from flatcloth.export.data import png_bytes
 from flatcloth.export.formats.moments import Moment, moments, points_of
 from flatcloth.export.session import OpenedSession
 from flatcloth.grasping.grasps import quaternion_wxyz
-from flatcloth.rendering.thumbnails import jpeg
+from flatcloth.rendering.pictures import jpeg
 from flatcloth.session.journal import Pick
 
 VIEW_NS = 1_000_000_000

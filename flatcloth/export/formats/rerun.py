@@ -15,7 +15,7 @@ import numpy as np
 from flatcloth.export.data import png_bytes
 from flatcloth.export.formats.moments import Moment, moments, points_of
 from flatcloth.export.session import OpenedSession
-from flatcloth.rendering.thumbnails import jpeg
+from flatcloth.rendering.pictures import jpeg
 
 OBJECT = "camera/object"
 DEPTH_PER_M = 10_000.0

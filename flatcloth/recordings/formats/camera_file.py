@@ -18,9 +18,8 @@ from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_new
 from flatcloth.core.types import Intrinsics
 from flatcloth.recordings.files.camera import WORDS, Lens, checked_intrinsics, checked_lens, lens_model
-from flatcloth.recordings.files.depth_files import read_depth_header
+from flatcloth.recordings.files.depth_files import camera_of, read_depth_header, read_pcd
 from flatcloth.recordings.files.images import read_header
-from flatcloth.recordings.files.pcd import camera_of, read_pcd
 from flatcloth.recordings.files.text import failing, load_table, read_text, shortened, unused
 from flatcloth.recordings.source import SourceOptions
 

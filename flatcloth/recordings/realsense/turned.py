@@ -18,12 +18,10 @@ import numpy as np
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.recordings.base import Recording, ViewImages
-from flatcloth.recordings.film.angles import SAME_VIEW_DEG, distinct, stops_found
-from flatcloth.recordings.film.averaging import average_color, average_depth
+from flatcloth.recordings.film.angles import SAME_VIEW_DEG, Turning, distinct, read_turning, stops_found
+from flatcloth.recordings.film.recording import average_color, average_depth
 from flatcloth.recordings.film.stillness import Glance, Stop, find_stops, glance
-from flatcloth.recordings.film.turning import Turning, read_turning
-from flatcloth.recordings.realsense.frames import ALIGNMENTS
-from flatcloth.recordings.realsense.player import Pair, RealsensePlayer
+from flatcloth.recordings.realsense.player import ALIGNMENTS, Pair, RealsensePlayer
 
 MOST_FRAMES = 30
 """The number of frames used per stop: the last ones, when the cloth has come to rest."""

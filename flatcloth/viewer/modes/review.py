@@ -13,11 +13,10 @@ from starlette.routing import BaseRoute
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.results.result import Areas, Result, expected_next_m2, result_of
-from flatcloth.export.history import read_history
-from flatcloth.export.review import FLAGS, SUSPECT, Flags, overridden
+from flatcloth.export.history import FLAGS, SUSPECT, Flags, overridden, read_history
 from flatcloth.flattening.surface import item_mask
 from flatcloth.rendering import layers
-from flatcloth.rendering.thumbnails import jpeg_thumbnail, picture_thumbnail
+from flatcloth.rendering.pictures import jpeg_thumbnail, picture_thumbnail
 from flatcloth.session.machine import Accepted, Document
 from flatcloth.session.summary import keep_summary
 from flatcloth.viewer import http

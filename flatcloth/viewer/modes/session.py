@@ -49,8 +49,7 @@ from flatcloth.viewer.modes.review import ReviewService
 from flatcloth.viewer.modes.session_work import Answer, SessionWork
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.actions import NO_CAMERA
-from flatcloth.viewer.protocol.allowed import command_of
+from flatcloth.viewer.protocol.actions import NO_CAMERA, command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
 from flatcloth.viewer.protocol.snapshot import of_session

@@ -17,8 +17,8 @@ from flatcloth.flattening.surface import item_mask
 from flatcloth.grasping.visibility import Visibility, visibility_in
 from flatcloth.rendering import layers
 from flatcloth.rendering.drawing import data_url
-from flatcloth.rendering.pixel_states import state_legend, state_rgba
-from flatcloth.rendering.thumbnails import jpeg
+from flatcloth.rendering.pictures import jpeg
+from flatcloth.rendering.sides import state_legend, state_rgba
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.answers import SeenView, SeenViews

@@ -37,8 +37,7 @@ from flatcloth.viewer.routes.capture import capture_routes
 from flatcloth.viewer.routes.check import check_routes
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import layer_routes
-from flatcloth.viewer.routes.robot import robot_routes
-from flatcloth.viewer.routes.robot_answers import RobotAnswers
+from flatcloth.viewer.routes.robot import RobotAnswers, robot_routes
 from flatcloth.viewer.routes.rosbridge import RosBridge
 from flatcloth.viewer.routes.sources import source_routes
 from flatcloth.viewer.scene.scene import Scene
