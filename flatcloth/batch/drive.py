@@ -167,11 +167,11 @@ def _row_of(task: Task, answer: Answer, out: Path) -> Row:
     return row
 
 
-def write_results(out: Path) -> list[Path]:
-    """Write the table of all results in a folder, with the operator's verdicts; return its files."""
+def write_results(out: Path) -> None:
+    """Write the table of all results in a folder, with the operator's verdicts."""
     decided = read_verdicts(out).decided
     rows = [{**row, "review": decided.get(row["name"])} for row in rows_in(out)]
-    return write_table(rows, out)
+    write_table(rows, out)
 
 
 @contextlib.contextmanager

@@ -250,7 +250,7 @@ def view_arguments(row: Mapping[str, Any], out: Path) -> list[str]:
     arguments += ["--session", str((out / row["name"]).resolve()), f"--method={row['method']}"]
     said: dict[str, Any] = {}
     with contextlib.suppress(ValueError, RecursionError, TypeError, AttributeError, RecordingError):
-        said = SourceOptions.from_dict(json.loads(row.get("options") or "{}"), "options").again().to_dict()
+        said = SourceOptions.from_dict(json.loads(row.get("options") or "{}"), "options").to_dict()
     for name, option in OPTION_NAMES.items():
         if name in said:
             values = said[name] if isinstance(said[name], list) else [said[name]]

@@ -160,23 +160,19 @@ def counted(rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:
 
 # --- the table ------------------------------------------------------------------------------------
 
-CSV, PARQUET = "results.csv", "results.parquet"
+CSV = "results.csv"
 
 
-def write_table(rows: Sequence[Mapping[str, Any]], out: Path) -> list[Path]:
-    """Write the table, each file under a temporary name first; return the files.
+def write_table(rows: Sequence[Mapping[str, Any]], out: Path) -> None:
+    """Write the table, under a temporary name first.
 
     Raises
     ------
     FlatclothError
         If it cannot be written.
     """
-    tables = {CSV: _csv(rows), PARQUET: _parquet(rows)}
     with os_errors_as(FlatclothError, f"{out}: the table cannot be written", "Make room."):
-        for name, data in tables.items():
-            if data is not None:
-                replace_file(out / name, data)
-    return [out / name for name, data in tables.items() if data is not None]
+        replace_file(out / CSV, _csv(rows))
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> bytes:
@@ -193,26 +189,3 @@ def _cell(value: Any) -> Any:
     if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
         return f"'{value}"
     return "" if value is None else value
-
-
-def _parquet(rows: Sequence[Mapping[str, Any]]) -> bytes | None:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        return None
-    kinds: dict[Kind, Any] = {
-        "text": pyarrow.string(),
-        "number": pyarrow.float64(),
-        "count": pyarrow.int64(),
-    }
-    fields = [
-        pyarrow.field(column.name, kinds[column.kind], metadata={"meaning": column.meaning})
-        for column in COLUMNS
-    ]
-    columns = [
-        pyarrow.array([row.get(column.name) for row in rows], kinds[column.kind]) for column in COLUMNS
-    ]
-    file = io.BytesIO()
-    pyarrow.parquet.write_table(pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(fields)), file)
-    return file.getvalue()

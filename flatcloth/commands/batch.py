@@ -58,7 +58,7 @@ def run(options: Options) -> None:
     from flatcloth.batch.drive import owned, run_batch
     from flatcloth.batch.engines import engine_of
     from flatcloth.batch.report import write_report
-    from flatcloth.batch.rows import PARQUET
+    from flatcloth.batch.rows import CSV
     from flatcloth.batch.tasks import tasks_of
 
     out = options.out.expanduser()
@@ -77,7 +77,7 @@ def run(options: Options) -> None:
                 teller.stopped()
                 raise SystemExit(130) from None
         page = write_report(out)
-    table = out / PARQUET if (out / PARQUET).exists() else out / "results.csv"
+    table = out / CSV
     document = {"table": str(table), "page": str(page), "rows": count.rows}
     report(options, document, [_summary(count), f"Table: {table}. Page: {page}"])
     failed = sum(row["outcome"] != "done" for row in count.rows)

@@ -226,7 +226,7 @@ class SourceInformation(Mending):
         group=_LACKING,
     )
     fov: tuple[float, float] | None = option(
-        "instead, approximately: its field of view in degrees; with --camera-file, writes that file",
+        "instead, approximately: its field of view in degrees",
         "H V",
         group=_LACKING,
     )

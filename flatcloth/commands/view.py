@@ -161,7 +161,7 @@ def _source_options(options: Options, chosen: Chosen | None) -> SourceOptions:
     if chosen is not None and chosen.options is not None:
         return chosen.options
     if chosen is not None and chosen.header is not None:
-        return SourceOptions.from_dict(chosen.header.recording.options, "the session").again()
+        return SourceOptions.from_dict(chosen.header.recording.options, "the session")
     return SourceOptions() if chosen is not None and chosen.kind == "example" else options.source_options()
 
 

@@ -345,7 +345,7 @@ def open_session(
     header, about = history.header, history.header.recording
     place = about.location if recording is None else str(recording)
     if options in (None, SourceOptions()):
-        options = SourceOptions.from_dict(about.options, f"{folder / HEADER}").again()
+        options = SourceOptions.from_dict(about.options, f"{folder / HEADER}")
     try:
         opened = open_recording(place, options)
     except RecordingError as error:

@@ -141,7 +141,7 @@ def _views(
     result: _Result, category: dict[str, Any], out: Path
 ) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
     header = read_header(result.folder)
-    options = SourceOptions.from_dict(header.recording.options, str(result.folder / HEADER)).again()
+    options = SourceOptions.from_dict(header.recording.options, str(result.folder / HEADER))
     recording = open_recording(header.recording.location, options)
     for index in range(len(recording)):
         frame = recording[index]

@@ -119,7 +119,7 @@ class Workspace:
         recording = self.integration.recording
         if self.has_camera:
             raise FlatclothError("A camera has no mends; open the recording that was captured.")
-        options = SourceOptions.from_dict(source_options(recording), "the session").again()
+        options = SourceOptions.from_dict(source_options(recording), "the session")
         more = (options.mends or Mends()).then(mends)
         return Chosen("folder", recording.location, options=replace(options, mends=more))
 
