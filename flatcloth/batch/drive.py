@@ -121,7 +121,6 @@ def run_batch(
     tell(count, None)
     questions = [
         {
-            "job": "integrate",
             "task": task.to_dict(),
             "out": str(out.resolve()),
             "settings": settings_of(task.method),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 import gc
 import importlib.metadata
@@ -23,7 +22,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth import __version__
-from flatcloth.api.integrating import Sides, integrate
+from flatcloth.api.integrating import integrate
 from flatcloth.api.shape import Shape
 from flatcloth.batch.rows import DONE, FAILED, MEMORY, UNFINISHED, next_attempt, read_row, write_row
 from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
@@ -33,17 +32,12 @@ from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.memory import trim
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.subprocess_worker import memory_limit_bytes
-from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
-from flatcloth.engine.evaluation import compare
-from flatcloth.engine.garment.truth import compare_garment, read_true_points
+from flatcloth.core.types import FlattenedView, Float64, Progress
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.sides_truth import compare_sides
 from flatcloth.export.garment import garment_document
-from flatcloth.export.session import SessionData
 from flatcloth.flattening.surface import item_mask
 from flatcloth.methods.answers import Canonical
 from flatcloth.recordings import Recording, open_recording
-from flatcloth.recordings.truth import Truth
 from flatcloth.rendering.pictures import picture_thumbnail
 
 ERROR_FILE = "error.txt"
@@ -53,12 +47,10 @@ _LOCK_WAIT_S = 15.0
 
 
 def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
-    """Do a job: ``integrate`` answers with a row, ``evaluate`` with figures.
+    """Integrate a recording, and answer with its row.
 
     ``spent`` in the answer means that the process must not be used again.
     """
-    if question["job"] == "evaluate":
-        return evaluate_one(question["source"], question["method"], progress, question["sides"])
     task, out = Task.from_dict(question["task"]), Path(question["out"])
     return _to_row(task, out / task.name, question, progress)
 
@@ -276,71 +268,6 @@ def _status_mb(name: str) -> float | None:
     with contextlib.suppress(OSError, StopIteration), open("/proc/self/status") as file:
         return round(next(int(line.split()[1]) for line in file if line.startswith(name)) / 1024, 1)
     return None
-
-
-# --- comparison with the truth --------------------------------------------------------------------
-
-
-def evaluate_one(
-    source: str,
-    method: str,
-    progress: Progress = no_progress,
-    sides: Sides = "one",
-) -> dict[str, Any]:
-    """Return the figures of a recording, by name.
-
-    Parameters
-    ----------
-    source : str
-        A synthetic recording.
-    method : str
-        Way of integrating.
-    progress : callable
-        Called with the progress.
-    sides : str
-        ``both``: the other side, and its relation to this one, are compared too.
-
-    Raises
-    ------
-    FlatclothError
-        If it cannot be read or integrated, or has no truth.
-    """
-    recording = open_recording(source)
-    truth = Truth(recording.location)
-    shape = integrate(recording, method=method, progress=progress, cores=1, sides=sides)
-    comparison = compare(shape.view, truth, recording)
-    return {
-        "recording": recording.name,
-        "method": method,
-        **dataclasses.asdict(comparison.evaluation),
-        "views": list(shape.views),
-        "seconds": round(shape.seconds["integrating"], 2),
-        **_sides(shape, recording, truth),
-        **_garment(shape.data, recording, truth),
-    }
-
-
-def _sides(shape: Shape, recording: Recording, truth: Truth) -> dict[str, Any]:
-    """Return the other side and its relation to this one compared with the truth; nothing without it."""
-    sides = shape.data.sides
-    if sides is None:
-        return {}
-    if isinstance(sides, str):
-        return {"sides": {"reason": sides}}
-    return {"sides": dataclasses.asdict(compare_sides(shape.view, sides, truth, recording))}
-
-
-def _garment(data: SessionData, recording: Recording, truth: Truth) -> dict[str, Any]:
-    """Return the garment compared with ``truth/points.json``; nothing where there is none."""
-    points = read_true_points(Path(recording.location))
-    if points is None:
-        return {}
-    known = data.garment
-    if isinstance(known, str):
-        return {"garment": {"kind": None, "true_kind": points.kind, "reason": known}}
-    canonical = known.canonical
-    compared = compare_garment(known.found, canonical.view, canonical.floating, truth, points, data.sides)
-    return {"garment": dataclasses.asdict(compared)}
 
 
 # --- coverage, and a thumbnail --------------------------------------------------------------------

@@ -334,21 +334,3 @@ def test_a_damaged_row_is_no_row(tmp_path: Path) -> None:
     for text in ("{", "[]", "{}", '{"format": "other"}'):
         (tmp_path / "row.json").write_text(text)
         assert read_row(tmp_path) is None
-
-
-def test_evaluate_gives_the_same_figures_on_the_engine(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from fuzzing.samples import SAMPLES
-
-    sample = next(s for s in SAMPLES if s.name == "truth")
-    sample.build(tmp_path)
-    tables = []
-    for jobs in (1, 2):
-        file = tmp_path / f"{jobs}.json"
-        sources = [str(tmp_path / "in")] * jobs
-        assert main(["evaluate", *sources, "--jobs", str(jobs), "--json", str(file)]) == 0
-        tables.append(
-            [{k: v for k, v in row.items() if k != "seconds"} for row in json.loads(file.read_text())]
-        )
-    assert tables[0] * 2 == tables[1]
