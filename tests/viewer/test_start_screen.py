@@ -303,7 +303,7 @@ def test_a_session_knows_what_its_recording_was_opened_with(tmp_path: Path) -> N
         SessionFolder.open(root / name, recording, Config(), "robust").close()
     chosen = Places(root).chosen("folder", "inside")
     assert chosen.header is not None
-    again = SourceOptions.from_dict(chosen.header.recording.options, "session.json").again()
+    again = SourceOptions.from_dict(chosen.header.recording.options, "session.json")
     assert list(open_recording(chosen.source, again).angles_deg) == list(recording.angles_deg)
     with pytest.raises(PlaceError, match=r"outside\.csv lies outside"):
         Places(root).chosen("folder", "beyond")
@@ -351,7 +351,7 @@ def test_no_file_outside_the_root_is_read_for_a_session(
 
 def test_what_a_source_was_opened_with_is_read_again() -> None:
     options = SourceOptions(angles=Path("a.csv"), camera_file=Path("k.json"), fov_deg=(60.0, 45.0))
-    told = json.loads(json.dumps(options.again().to_dict()))
+    told = json.loads(json.dumps(options.to_dict()))
     assert SourceOptions.from_dict(told, "session.json") == SourceOptions(
         angles=Path("a.csv").absolute(), camera_file=Path("k.json").absolute()
     )
