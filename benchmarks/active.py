@@ -30,8 +30,7 @@ from benchmarks.markdown import percent
 from benchmarks.output import Options, Row, kept, save, say
 from benchmarks.speed import unit_s
 from benchmarks.unattended import integrated_sides
-from flatcloth.active.choosing import Next, seconds_of
-from flatcloth.active.ending import End
+from flatcloth.active.choosing import End, Next, seconds_of
 from flatcloth.active.goal import Budget, Goal, knowledge_of
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.core.errors import FlatclothError

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from garment_meshes import RADIUS_M, arc, write_obj
 
-from flatcloth.active.ending import End
+from flatcloth.active.choosing import End
 from flatcloth.active.eye import step, view_of_cell
 from flatcloth.active.goal import Budget, Goal
 from flatcloth.active.incoming import SeenView

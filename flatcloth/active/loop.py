@@ -17,8 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from flatcloth.active.choosing import Next, choose_next
-from flatcloth.active.ending import FIRST, End, Waiting, elsewhere, end_of
+from flatcloth.active.choosing import FIRST, End, Next, Waiting, choose_next, elsewhere, end_of
 from flatcloth.active.goal import Budget, Goal, Knowledge
 from flatcloth.active.incoming import (
     AngleFinder,

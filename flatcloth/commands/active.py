@@ -98,7 +98,7 @@ def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None
 
 def told_end(options: Options, service: ActiveService, files: list[Path]) -> int:
     """Report the end of a loop, and return its exit code; the document is that of ``/robot/next``."""
-    from flatcloth.active.ending import End
+    from flatcloth.active.choosing import End
 
     loop, end = service.loop, service.loop.asked
     lines = [f"Written to {loop.folder}: {', '.join(file.name for file in files)}"] if files else []

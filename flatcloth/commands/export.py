@@ -127,11 +127,11 @@ def _write(name: str, session: OpenedSession, data: SessionData, path: Path) -> 
             for file, content in figure_files(session):
                 write_file(path / file, content)
         case "rerun":
-            from flatcloth.export.formats.rerun import write_rrd
+            from flatcloth.export.formats.moments import write_rrd
 
             write_rrd(session, path)
         case "mcap":
-            from flatcloth.export.formats.mcap import write_mcap
+            from flatcloth.export.formats.moments import write_mcap
 
             write_mcap(session, path)
         case "grasps":

@@ -12,8 +12,15 @@ import pytest
 from cells import SHAPE, led, loop_in, seen, sheet_cell
 from garment_evidence import blank_view
 
-from flatcloth.active.choosing import Next, OtherSide, choose_next, expected_std_m, free_angles_deg
-from flatcloth.active.ending import End, end_of
+from flatcloth.active.choosing import (
+    End,
+    Next,
+    OtherSide,
+    choose_next,
+    end_of,
+    expected_std_m,
+    free_angles_deg,
+)
 from flatcloth.active.goal import (
     Budget,
     Goal,

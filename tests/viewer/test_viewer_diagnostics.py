@@ -9,7 +9,7 @@ from cylinder_views import CylinderViews, proposed
 from route_client import RouteClient
 
 from flatcloth.core.types import Rigid2
-from flatcloth.viewer.modes.diagnostics import diagnostics_routes
+from flatcloth.viewer.modes.review import diagnostics_routes
 
 
 @pytest.fixture

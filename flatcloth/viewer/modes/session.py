@@ -41,11 +41,10 @@ from flatcloth.viewer import auto
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes import repair, session_work
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.modes.diagnostics import diagnostics_routes
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.joints import JointService
 from flatcloth.viewer.modes.other_side import OtherSideController
-from flatcloth.viewer.modes.review import ReviewService
+from flatcloth.viewer.modes.review import ReviewService, diagnostics_routes
 from flatcloth.viewer.modes.session_work import Answer, SessionWork
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages

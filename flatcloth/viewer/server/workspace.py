@@ -34,12 +34,10 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.active import active_routes
 from flatcloth.viewer.routes.capture import capture_routes
-from flatcloth.viewer.routes.check import check_routes
 from flatcloth.viewer.routes.exports import ExportRoutes
-from flatcloth.viewer.routes.layers import layer_routes
+from flatcloth.viewer.routes.layers import check_routes, layer_routes, source_routes
 from flatcloth.viewer.routes.robot import RobotAnswers, robot_routes
 from flatcloth.viewer.routes.rosbridge import RosBridge
-from flatcloth.viewer.routes.sources import source_routes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.relay import relay
 
