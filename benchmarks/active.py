@@ -30,8 +30,7 @@ from benchmarks.markdown import percent
 from benchmarks.output import Options, Row, kept, save, say
 from benchmarks.speed import unit_s
 from benchmarks.unattended import integrated_sides
-from flatcloth.active.choosing import Next, seconds_of
-from flatcloth.active.ending import End
+from flatcloth.active.choosing import End, Next, seconds_of
 from flatcloth.active.goal import Budget, Goal, knowledge_of
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.core.errors import FlatclothError
@@ -40,9 +39,8 @@ from flatcloth.core.types import finite
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.garment import garment_points, other_points
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
-from flatcloth.recordings.writer import RecordingWriter
-from flatcloth.synthesis.cell import Cell
+from flatcloth.recordings.writer import DEPTH_SCALE_M, RecordingWriter, depth_units
+from flatcloth.synthesis.recording import Cell
 
 WITHIN_M, TRULY_M = 0.020, 0.040
 """What is asked of a point: its deviation, and its true error."""

@@ -15,12 +15,11 @@ from flatcloth.active.incoming import SeenView
 from flatcloth.core.geometry import back_project, camera_from_object, fit_rigid2, object_from_camera
 from flatcloth.engine.garment.truth import read_true_points
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
 from flatcloth.recordings.truth import Truth
-from flatcloth.synthesis.cell import Cell
+from flatcloth.recordings.writer import DEPTH_SCALE_M, depth_units
 from flatcloth.synthesis.hanging import PoseErrors
 from flatcloth.synthesis.meshes import read_mesh
-from flatcloth.synthesis.recording import Request
+from flatcloth.synthesis.recording import Cell, Request
 
 SEEN_M = 0.012
 """A point is visible by truth if a pixel of its panel is as near. Chosen: the error of a named point."""

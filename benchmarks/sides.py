@@ -25,7 +25,7 @@ from flatcloth.engine.evaluation import CELL_M, Truth, compare, of_interest
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
 from flatcloth.export.data import GraspFrames
-from flatcloth.export.session_data import SessionData
+from flatcloth.export.session import SessionData
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording

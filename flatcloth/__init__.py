@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from flatcloth.recordings import SourceOptions as SourceOptions
     from flatcloth.recordings import open_recording as open_recording
     from flatcloth.recordings.arrays import recording_from_arrays as recording_from_arrays
-    from flatcloth.recordings.copying import copy_recording as copy_recording
     from flatcloth.recordings.mending import Mends as Mends
     from flatcloth.recordings.mending import mended as mended
+    from flatcloth.recordings.writer import copy_recording as copy_recording
 
 __version__ = "0.1.0"
 
@@ -72,7 +72,7 @@ _HOMES = {
     "flatcloth.methods.registry": ("method_names",),
     "flatcloth.recordings": ("Recording", "SourceOptions", "open_recording"),
     "flatcloth.recordings.arrays": ("recording_from_arrays",),
-    "flatcloth.recordings.copying": ("copy_recording",),
+    "flatcloth.recordings.writer": ("copy_recording",),
     "flatcloth.recordings.mending": ("Mends", "mended"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -34,7 +34,6 @@ COMMANDS = (
     "synthesize",
     "kit",
     "validate",
-    "schema",
 )
 _OWN_OPTIONS = ("-h", "--help", "--version", "--print-completion")
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -7,13 +7,12 @@ from pathlib import Path
 
 from garment_meshes import RADIUS_M, arc, write_obj
 
-from flatcloth.active.ending import End
+from flatcloth.active.choosing import End
+from flatcloth.active.eye import step, view_of_cell
 from flatcloth.active.goal import Budget, Goal
 from flatcloth.active.incoming import SeenView
 from flatcloth.active.loop import ActiveLoop
-from flatcloth.active.station import step, view_of_cell
-from flatcloth.synthesis.cell import Cell
-from flatcloth.synthesis.recording import Request, camera_of
+from flatcloth.synthesis.recording import Cell, Request, camera_of
 
 SHAPE = Goal(about="shape")
 

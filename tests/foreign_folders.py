@@ -64,19 +64,9 @@ def write(path: Path, pixels: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".npy":
         np.save(path, pixels)
-    elif path.suffix == ".exr":
-        write_exr(path, {"Z": pixels.astype(np.float32)})
     else:
         shown = pixels[..., ::-1] if pixels.ndim == 3 else pixels
         assert cv2.imwrite(str(path), np.ascontiguousarray(shown))
-
-
-def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, channels) as file:
-        file.write(str(path))
 
 
 def write_open3d(

@@ -6,7 +6,7 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, before numpy is imported
 
-import flatcloth.commands.common
+import flatcloth.commands.output
 import flatcloth.viewer.server.app
 import flatcloth.viewer.server.workspace  # noqa: F401
 from flatcloth.engine.warmup import warm_up

@@ -18,16 +18,117 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flatcloth.active.expecting import GRID_DEG, OtherSide, Shares, in_order, shares_around
 from flatcloth.active.goal import Goal, Knowledge
 from flatcloth.core.geometry import wrapped_deg
-from flatcloth.core.types import Float64
+from flatcloth.core.types import MIRROR, Float64
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.garments.fit import APART_M, OUTLINE_STD_M
+from flatcloth.methods.answers import Candidate, Plan
+from flatcloth.methods.base import Method
 from flatcloth.methods.starting import overlap_area_m2
+from flatcloth.recordings.film.angles import apart_deg
 from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Document
+from flatcloth.session.journal import Pick
+
+GRID_DEG = 3.0
+"""Distance of the angles that are compared. Chosen: the views' overlap changes little over it."""
+_HALF_M = APART_M / 2.0
+"""Standard deviation of the weight of cloth around a point, by definition: true edges within ``APART_M``, two
+of these, say where a point is."""
+
+Shares = tuple[Float64, Float64]
+"""Which shares (K,) of the cloth around a point angles would show for the first time, and again."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OtherSide:
+    """What views are expected to show of the other side, at each angle (K,) of the grid.
+
+    ``area_m2`` is the other side so far; ``new_m2`` the cloth that is new there, ``seams_m2`` the floating
+    cloth of either side that they may join by seams, ``shares`` those of the cloth around missing points.
+    """
+
+    area_m2: float
+    new_m2: Float64
+    seams_m2: Float64
+    shares: dict[str, Shares]
+
+    def at(self, angles_deg: Sequence[float]) -> OtherSide:
+        """Return what is expected at some angles of the grid."""
+        k = np.rint(np.asarray(angles_deg) / GRID_DEG).astype(np.int64)
+        shares = {name: (new[k], again[k]) for name, (new, again) in self.shares.items()}
+        new_m2, seams_m2 = self.new_m2[k], self.seams_m2[k]
+        return OtherSide(area_m2=self.area_m2, new_m2=new_m2, seams_m2=seams_m2, shares=shares)
+
+
+def of_other_side(
+    both: BothSides, document: Document, known: KnownGarment | str, knowledge: Knowledge, goal: Goal
+) -> OtherSide | None:
+    """Return what views are expected to show of the other side; None if there is none."""
+    found = both.known(document)
+    if found is None:
+        return None
+    sides, other, its = found
+    grid = np.arange(0.0, 360.0, GRID_DEG).tolist()
+    angles, area_m2 = [*other.views.angles_deg, *grid], sides.other.view.area_m2
+    shares = {}
+    if sides.is_related and not isinstance(known, str):
+        for name in (name for name in knowledge.missing(goal) if name in known.found.points):
+            place, std_m = known.found.points[name].uv_m * MIRROR, knowledge.point(name).std_m
+            shares[name] = shares_around(other.algorithm, its, angles, (place, std_m), area_m2)
+    return OtherSide(
+        area_m2=area_m2,
+        new_m2=np.array([c.new_m2 for c in in_order(other.algorithm.look_ahead(its, angles))]),
+        seams_m2=both.integration.algorithm.seams_ahead(
+            document, other.algorithm, its, grid, related=sides.is_related
+        ),
+        shares=shares,
+    )
+
+
+def in_order(plan: Plan) -> list[Candidate]:
+    """Return the candidates in the order of the angles."""
+    return sorted(plan.candidates, key=lambda candidate: candidate.view_index)
+
+
+def shares_around(
+    method: Method,
+    document: Document,
+    angles_deg: Sequence[float],
+    at: tuple[Float64, float],
+    area_m2: float,
+) -> Shares:
+    """Return which shares of the cloth around a place views would show.
+
+    Parameters
+    ----------
+    method, document
+        The side of the item, and the decisions about it.
+    angles_deg : sequence of float
+        Those of the recorded views, then those to rate.
+    at : tuple
+        The place (2,) on the plane, and its standard deviation: the cloth may be as far away.
+    area_m2 : float
+        The area of the side so far.
+    """
+    place, std_m = at
+    radius_m = math.hypot(_HALF_M, std_m)
+
+    def around(uv_m: Float64) -> Float64:
+        weight: Float64 = np.exp(-0.5 * np.square((uv_m - place) / radius_m).sum(axis=1))
+        return weight
+
+    rated = in_order(method.look_ahead(document, angles_deg, around))
+    whole_m2 = 2.0 * math.pi * radius_m**2  # the integral of the weight
+    # Cloth without any evidence may lie anywhere on the item.
+    of_item = min(1.0, whole_m2 / max(area_m2, whole_m2))
+    new = np.array([c.new_m2 - c.unseen_m2 + of_item * c.unseen_m2 for c in rated])
+    again = np.array([c.overlap_m2 for c in rated])
+    return np.clip(new / whole_m2, 0.0, 1.0), np.clip(again / whole_m2, 0.0, 1.0)
+
 
 LOOK_S, TURN_DEG_PER_S = 2.0, 180.0
 """Time of a stop with a look, and speed of a turntable. Chosen: a robot pays about two seconds a turn."""
@@ -230,3 +331,109 @@ def _why(
     ]
     parts.append(f"{1e4 * new_m2:.0f} cm2 new, {1e4 * overlap_m2:.0f} cm2 in common")
     return "; ".join(parts)
+
+
+# --- the end --------------------------------------------------------------------------------------
+
+FIRST = Next(angle_deg=0.0, turn_deg=0.0, why="the first view, as the item hangs")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Waiting:
+    """Nothing is asked until an operator has decided."""
+
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class End:
+    """The end of a loop: whether the goal is reached, and why it ends.
+
+    ``hidden`` are the wanted points that cannot be known as the item is held; ``regrasp`` is the seen cloth
+    nearest to the first of them, by which the item would be held next.
+    """
+
+    reached: bool
+    reason: str
+    hidden: tuple[str, ...] = ()
+    regrasp: Pick | None = None
+
+
+def elsewhere(taken_deg: Sequence[float], stands_deg: float) -> Next | End:
+    """Return the angle farthest from all views, because none could be flattened yet."""
+    if not taken_deg:
+        return FIRST
+    free = free_angles_deg(taken_deg)
+    if not free:
+        return End(reached=False, reason="No view shows enough cloth to flatten. Re-grasp the item.")
+    far = max(free, key=lambda angle: min(apart_deg(angle, taken) for taken in taken_deg))
+    turn_deg = wrapped_deg(far - stands_deg)
+    return Next(angle_deg=far, turn_deg=turn_deg, why="no view could be flattened yet")
+
+
+def end_of(
+    following: Next | None,
+    known: KnownGarment | str,
+    knowledge: Knowledge,
+    goal: Goal,
+    least_new_m2: float,
+    *,
+    is_exhausted: bool,
+) -> End | None:
+    """Return the end of a loop whose best next view is ``following``; None if that is worth its turn.
+
+    ``least_new_m2`` is the new area that is worth a turn; ``is_exhausted``: views stand all round, and the
+    last ones brought nothing. A missing point with a known place whose cloth was seen gets surer with
+    every view.
+    """
+    missing = knowledge.missing(goal)
+    if following is not None:
+        if missing and set(missing) <= set(following.hidden):
+            cause = f"{' and '.join(missing)} cannot be known: hidden in a fold from every angle."
+            return _unknowable(cause, known, knowledge, goal)
+        is_worth = math.isnan(following.most_new_m2) or following.most_new_m2 >= least_new_m2
+        points = [knowledge.point(name) for name in missing]
+        if (is_worth and not is_exhausted) or any(p.seen and p.std_m <= APART_M for p in points):
+            return None
+    if goal.about == "shape":
+        added_m2 = 0.0 if following is None else following.most_new_m2
+        text = f"The next view is expected to add only {1e4 * added_m2:.0f} cm2"
+        if added_m2 >= least_new_m2:
+            text = f"Views stand all round, and the last ones added less than {1e4 * least_new_m2:.0f} cm2"
+        return End(reached=True, reason=f"{text}: {knowledge.about(goal)} are known.")
+    what = "The kind" if goal.about == "kind" else " and ".join(missing)
+    return _unknowable(f"{what} cannot be known: no angle shows more cloth.", known, knowledge, goal)
+
+
+def _unknowable(cause: str, known: KnownGarment | str, knowledge: Knowledge, goal: Goal) -> End:
+    hidden = knowledge.missing(goal)
+    regrasp = None if not hidden else regrasp_at(known, hidden[0])
+    where = "the item" if regrasp is None else f"at {regrasp.name}"
+    return End(
+        reached=False,
+        reason=f"{cause} Re-grasp {where}. So far: {knowledge.about(goal)}.",
+        hidden=hidden,
+        regrasp=regrasp,
+    )
+
+
+def regrasp_at(known: KnownGarment | str, name: str) -> Pick | None:
+    """Return the seen cloth nearest to where a named point is expected, on the plane; None if none."""
+    point = None if isinstance(known, str) else known.found.points.get(name)
+    if point is None or isinstance(known, str):
+        return None
+    view = known.canonical.view
+    at = np.argwhere(view.valid & np.isfinite(view.normal).all(axis=2))
+    if not len(at):
+        return None
+    off_m = np.linalg.norm(view.uv_from_rc(at) - point.uv_m, axis=1)
+    row, col = at[int(off_m.argmin())].tolist()
+    source_row, source_col = view.source_rc[row, col].tolist()
+    return Pick(
+        id=1,
+        name=f"the cloth {1e3 * off_m.min():.0f} mm from {name}",
+        position_held_m=view.xyz_m[row, col].astype(np.float64),
+        normal_held=view.normal[row, col].astype(np.float64),
+        view_index=int(view.view_index[row, col]),
+        source_rc=(source_row, source_col),
+    )

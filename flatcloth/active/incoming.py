@@ -16,7 +16,7 @@ from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, 
 from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.surface import crop_to_item, foreground_mask
 from flatcloth.recordings.film.angles import apart_deg
-from flatcloth.recordings.growing import GrowingRecording
+from flatcloth.recordings.writer import GrowingRecording
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import Keeper
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from flatcloth.active.expecting import OtherSide, of_other_side
+from flatcloth.active.choosing import OtherSide, of_other_side
 from flatcloth.active.goal import Goal, Knowledge, knowledge_of
 from flatcloth.engine.both_sides import BothSides, known_by_both
 from flatcloth.engine.garment.deciding import known_with_pieces

@@ -17,8 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from flatcloth.active.choosing import Next, choose_next
-from flatcloth.active.ending import FIRST, End, Waiting, elsewhere, end_of
+from flatcloth.active.choosing import FIRST, End, Next, Waiting, choose_next, elsewhere, end_of
 from flatcloth.active.goal import Budget, Goal, Knowledge
 from flatcloth.active.incoming import (
     AngleFinder,
@@ -40,15 +39,12 @@ from flatcloth.engine.garment.deciding import place_sure_pieces
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.export.session import frames_of
-from flatcloth.export.session_data import SessionData
+from flatcloth.export.session import SessionData, frames_of
 from flatcloth.methods.registry import method_name
-from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
 from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
-from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.manifest import HEADER as MANIFEST
 from flatcloth.recordings.manifest import has_views, read_manifest
-from flatcloth.recordings.writer import RecordingWriter
+from flatcloth.recordings.writer import DEPTH_SCALE_M, GrowingRecording, RecordingWriter, depth_units
 from flatcloth.session.header import HEADER, kept_config, take_growth
 from flatcloth.session.machine import Document
 from flatcloth.session.store import SessionFolder

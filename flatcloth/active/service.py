@@ -6,8 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flatcloth.active.choosing import Next, seconds_of
-from flatcloth.active.ending import End, Waiting
+from flatcloth.active.choosing import End, Next, Waiting, seconds_of
 from flatcloth.active.incoming import SeenView, Taken, ViewError
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.core.geometry import Rigid3

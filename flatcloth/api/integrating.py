@@ -24,9 +24,8 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import earlier_scores
 from flatcloth.engine.segmenting import prepare, take_strokes
 from flatcloth.engine.sheet import sheet_of
-from flatcloth.export.session import frames_of
+from flatcloth.export.session import SessionData, frames_of
 from flatcloth.export.session import open_session as open_session_folder
-from flatcloth.export.session_data import SessionData
 from flatcloth.flattening.flatten import Flattening
 from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.registry import method_name

@@ -21,7 +21,7 @@ from flatcloth.engine.results.joints import Alternative, Joint, alternatives, jo
 from flatcloth.export.data import this_from_other
 from flatcloth.export.garment import garment_points, other_points
 from flatcloth.export.garment import lines_of as garment_lines
-from flatcloth.export.session_data import SessionData
+from flatcloth.export.session import SessionData
 from flatcloth.garments.recognition import Recognition
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel
 from flatcloth.grasping.grips import check_opening_m

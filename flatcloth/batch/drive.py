@@ -12,11 +12,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from flatcloth.batch.engines import Answer, Engine
-from flatcloth.batch.review import read_verdicts
-from flatcloth.batch.rows import CRASHED, DONE, UNFINISHED, next_attempt, read_row, rows_in, write_row
-from flatcloth.batch.runner import Limits
-from flatcloth.batch.table import write_table
+from flatcloth.batch.engines import Answer, Engine, Limits
+from flatcloth.batch.report import read_verdicts
+from flatcloth.batch.rows import (
+    CRASHED,
+    DONE,
+    UNFINISHED,
+    next_attempt,
+    read_row,
+    rows_in,
+    write_row,
+    write_table,
+)
 from flatcloth.batch.tasks import Task, quick_signature
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.methods.registry import load_method
@@ -114,7 +121,6 @@ def run_batch(
     tell(count, None)
     questions = [
         {
-            "job": "integrate",
             "task": task.to_dict(),
             "out": str(out.resolve()),
             "settings": settings_of(task.method),
@@ -160,11 +166,11 @@ def _row_of(task: Task, answer: Answer, out: Path) -> Row:
     return row
 
 
-def write_results(out: Path) -> list[Path]:
-    """Write the table of all results in a folder, with the operator's verdicts; return its files."""
+def write_results(out: Path) -> None:
+    """Write the table of all results in a folder, with the operator's verdicts."""
     decided = read_verdicts(out).decided
     rows = [{**row, "review": decided.get(row["name"])} for row in rows_in(out)]
-    return write_table(rows, out)
+    write_table(rows, out)
 
 
 @contextlib.contextmanager

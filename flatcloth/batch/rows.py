@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -154,3 +156,36 @@ def rows_in(out: Path) -> list[dict[str, Any]]:
 def counted(rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:
     """Return how many rows have each outcome."""
     return dict.fromkeys(OUTCOMES, 0) | Counter(row["outcome"] for row in rows)
+
+
+# --- the table ------------------------------------------------------------------------------------
+
+CSV = "results.csv"
+
+
+def write_table(rows: Sequence[Mapping[str, Any]], out: Path) -> None:
+    """Write the table, under a temporary name first.
+
+    Raises
+    ------
+    FlatclothError
+        If it cannot be written.
+    """
+    with os_errors_as(FlatclothError, f"{out}: the table cannot be written", "Make room."):
+        replace_file(out / CSV, _csv(rows))
+
+
+def _csv(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    names = [column.name for column in COLUMNS]
+    file = io.StringIO(newline="")
+    writer = csv.DictWriter(file, names, extrasaction="ignore", restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _cell(row.get(name)) for name in names} for row in rows)
+    return file.getvalue().encode("utf-8", "surrogateescape")
+
+
+def _cell(value: Any) -> Any:
+    """Return a cell that spreadsheets do not take for a formula."""
+    if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
+        return f"'{value}"
+    return "" if value is None else value

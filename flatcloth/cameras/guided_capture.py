@@ -12,10 +12,9 @@ from flatcloth.cameras.base import Camera, CameraFrame
 from flatcloth.cameras.capture import Capture, Phase
 from flatcloth.cameras.checks import check_frame
 from flatcloth.core.types import Float32, RgbdFrame, Uint8
-from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
-from flatcloth.recordings.film.averaging import average_color, average_depth
+from flatcloth.recordings.film.recording import average_color, average_depth
 from flatcloth.recordings.film.stillness import MotionMeter, glance
-from flatcloth.recordings.writer import RecordingWriter
+from flatcloth.recordings.writer import DEPTH_SCALE_M, RecordingWriter, depth_units
 
 
 @dataclass(frozen=True, kw_only=True)

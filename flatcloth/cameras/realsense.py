@@ -10,7 +10,7 @@ from flatcloth.cameras.base import CameraError, CameraFrame
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics
 from flatcloth.recordings.files.libraries import load_realsense
-from flatcloth.recordings.realsense.frames import FrameFilter, apart_s
+from flatcloth.recordings.realsense.player import FrameFilter, apart_s
 
 _MODES = ((848, 480, 30), (640, 480, 30), (640, 480, 15), (480, 270, 15))
 """Width, height and rate of both streams, in order of preference; USB 2 does not carry all of them. Set by

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flatcloth.checking.color import Shown, color_findings, odds_of, reduced
+from flatcloth.checking.color import Shown, color_findings, odds_of, pairing_findings, reduced
 from flatcloth.checking.findings import MOST_SURE, Check, Finding
 from flatcloth.checking.hanging import (
     axis_findings,
@@ -31,15 +31,23 @@ from flatcloth.checking.images import (
 )
 from flatcloth.checking.lens import focal_findings, focal_length
 from flatcloth.checking.order import order_findings
-from flatcloth.checking.pairing import pairing_findings
 from flatcloth.checking.turning import Seen, estimated, turning_findings
-from flatcloth.checking.turns import NEAR_DEG, Pair, features_of, item_pixels, pairs_of, shows_turn
+from flatcloth.checking.turns import (
+    NEAR_DEG,
+    Pair,
+    features_of,
+    item_pixels,
+    pair_of,
+    pairs_of,
+    share_at,
+    shows_turn,
+)
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import RecordingError, SurfaceError
-from flatcloth.core.types import Progress, RgbdFrame, RotationAxis, no_progress
+from flatcloth.core.types import Float64, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.growing import GrowingRecording
+from flatcloth.recordings.writer import GrowingRecording
 from flatcloth.registration.axis_estimation import UP, choose_views
 from flatcloth.registration.view_features import ViewFeatures
 
@@ -289,3 +297,40 @@ def _vertical(views: Sequence[ViewFeatures]) -> RotationAxis:
     """Return the vertical of a level camera through the item."""
     middle = np.median([view.middle_m for view in views], axis=0) if views else np.zeros(3)
     return RotationAxis(point_m=middle, direction=UP, estimated=True)
+
+
+# --- for the teaching mode ------------------------------------------------------------------------
+
+_MOST_DEG, _STEP_DEG = 60.0, 2.5
+"""Turns that are shown. Chosen: beyond, two views share little cloth."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckLesson:
+    """A ``pair`` of neighbours: ``share`` (N,) of their points agrees after the turns ``turn_deg`` (N,)."""
+
+    pair: Pair
+    turn_deg: Float64
+    share: Float64
+
+
+def check_lesson(recording: Recording, frame: Callable[[int], RgbdFrame], axis: RotationAxis) -> CheckLesson:
+    """Compare two neighbouring views of a recording after all turns.
+
+    Raises
+    ------
+    SurfaceError
+        If they show no item, or have nothing in common.
+    """
+    order = sorted(range(len(recording)), key=lambda n: recording.angles_deg[n])
+    first, second = order[len(order) // 2 - 1], order[len(order) // 2]
+    frames = frame(first), frame(second)
+    measured = [f.depth_m[f.depth_m > 0] for f in frames]
+    usual_m = float(np.median(np.concatenate(measured))) if any(map(len, measured)) else 0.0
+    one, other = (features_of(f, item_pixels(f, usual_m, EXTENT_M)) for f in frames)
+    recorded = recording.angles_deg[second] - recording.angles_deg[first]
+    if one is None or other is None or not (pair := pair_of(one, other, axis, recorded)).turns:
+        raise SurfaceError(f"Views {first} and {second} have nothing in common; use more views.")
+    turns = np.arange(-_MOST_DEG, _MOST_DEG + 0.5 * _STEP_DEG, _STEP_DEG)
+    share = np.array([share_at(one, other, axis, float(turn)) for turn in turns])
+    return CheckLesson(pair=pair, turn_deg=turns, share=share)

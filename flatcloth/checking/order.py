@@ -18,16 +18,17 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from flatcloth.checking.findings import Finding
-from flatcloth.checking.slips import closure, slipped_after
 from flatcloth.checking.turns import (
     LOOSE_DEG,
     NEAR_DEG,
     WORSE_SHARE,
     Pair,
     Reach,
+    closure,
     is_near,
     pair_of,
     share_at,
+    slipped_after,
     turns_between,
 )
 from flatcloth.core.geometry import wrapped_deg

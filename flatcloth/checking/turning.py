@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.checking.findings import CERTAIN, Finding
-from flatcloth.checking.slips import closure
-from flatcloth.checking.turns import LOOSE_DEG, NEAR_DEG, Pair, turns_between
+from flatcloth.checking.turns import LOOSE_DEG, NEAR_DEG, Pair, closure, turns_between
 from flatcloth.checking.units import ANGLES, allowed
 from flatcloth.core.types import RotationAxis
 from flatcloth.recordings.mending import Mends

@@ -7,15 +7,14 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar, loading
 from flatcloth.commands.options import Address, Aim, HandEye, Method, Output, SimulatedCell, option
-from flatcloth.commands.output import announce, report, say
+from flatcloth.commands.output import ProgressBar, announce, loading, report, say
 from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
     from flatcloth.active.loop import ActiveLoop
     from flatcloth.active.service import ActiveService
-    from flatcloth.synthesis.cell import Cell
+    from flatcloth.synthesis.recording import Cell
 
 SUMMARY = "choose each next angle for a goal, and stop when it is known"
 EXAMPLES = """examples:
@@ -40,9 +39,9 @@ class Options(Output, HandEye, Method, Address, SimulatedCell, Aim):
 def run(options: Options) -> int:
     """Run the loop; return 0 if the goal is reached, 1 if it is not."""
     with loading():
+        from flatcloth.active.eye import view_of_cell
         from flatcloth.active.loop import ActiveLoop
         from flatcloth.active.service import ActiveService
-        from flatcloth.active.station import view_of_cell
 
     goal, budget = options.aim()
     base_from_camera = options.base_from_camera()
@@ -84,7 +83,7 @@ def listen(service: ActiveService, options: Options, port: int) -> None:
 def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None:
     """Let a cell turn until the loop ends, and print each step."""
     from flatcloth.active.choosing import Next
-    from flatcloth.active.station import step
+    from flatcloth.active.eye import step
 
     while isinstance(asked := loop.asked, Next):
         bar.show(loop.views / max(1, loop.views + 1), f"view {loop.views} at {asked.angle_deg:g} degrees")
@@ -99,7 +98,7 @@ def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None
 
 def told_end(options: Options, service: ActiveService, files: list[Path]) -> int:
     """Report the end of a loop, and return its exit code; the document is that of ``/robot/next``."""
-    from flatcloth.active.ending import End
+    from flatcloth.active.choosing import End
 
     loop, end = service.loop, service.loop.asked
     lines = [f"Written to {loop.folder}: {', '.join(file.name for file in files)}"] if files else []

@@ -6,10 +6,9 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flatcloth.commands.common import ProgressBar
 from flatcloth.commands.options import Engine as EngineOptions
 from flatcloth.commands.options import Method, Output, SourceInformation, option
-from flatcloth.commands.output import announce, report, say
+from flatcloth.commands.output import ProgressBar, announce, report, say
 from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
@@ -59,7 +58,7 @@ def run(options: Options) -> None:
     from flatcloth.batch.drive import owned, run_batch
     from flatcloth.batch.engines import engine_of
     from flatcloth.batch.report import write_report
-    from flatcloth.batch.table import PARQUET
+    from flatcloth.batch.rows import CSV
     from flatcloth.batch.tasks import tasks_of
 
     out = options.out.expanduser()
@@ -78,7 +77,7 @@ def run(options: Options) -> None:
                 teller.stopped()
                 raise SystemExit(130) from None
         page = write_report(out)
-    table = out / PARQUET if (out / PARQUET).exists() else out / "results.csv"
+    table = out / CSV
     document = {"table": str(table), "page": str(page), "rows": count.rows}
     report(options, document, [_summary(count), f"Table: {table}. Page: {page}"])
     failed = sum(row["outcome"] != "done" for row in count.rows)

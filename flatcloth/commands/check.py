@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar
 from flatcloth.commands.options import Output, Source, option
-from flatcloth.commands.output import report
+from flatcloth.commands.output import ProgressBar, report
 from flatcloth.core.errors import RecordingError, os_errors_as
 
 if TYPE_CHECKING:

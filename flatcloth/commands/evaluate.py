@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import statistics
-from collections.abc import Iterator
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from flatcloth.commands.common import ProgressBar
-from flatcloth.commands.options import JOBS, Engine, Method, Output, Sides, option
-from flatcloth.commands.output import report, say
-from flatcloth.core.errors import FlatclothError
+from flatcloth.commands.options import Method, Output, Sides, option
+from flatcloth.commands.output import ProgressBar, report, say
+
+if TYPE_CHECKING:
+    from flatcloth.api.shape import Shape
+    from flatcloth.core.types import Progress
+    from flatcloth.export.session import SessionData
+    from flatcloth.recordings import Recording
+    from flatcloth.recordings.truth import Truth
 
 SUMMARY = "integrate unattended and compare with the truth"
 EXAMPLES = """examples:
@@ -22,7 +27,7 @@ EXAMPLES = """examples:
 
 
 @dataclass(kw_only=True)
-class Options(Output, Engine, Sides, Method):
+class Options(Output, Sides, Method):
     """The options of the command."""
 
     sources: tuple[str, ...] = option(
@@ -32,9 +37,6 @@ class Options(Output, Engine, Sides, Method):
         "write the figures to FILE; without FILE print them, in place of words", "FILE", False, const=True,
         group="output"
     )  # fmt: skip
-    jobs: int | None = option(
-        "recordings at the same time, on this machine", "N", 1, either="engine", read=JOBS
-    )
 
 
 def run(options: Options) -> None:
@@ -42,7 +44,9 @@ def run(options: Options) -> None:
     rows: list[dict[str, Any]] = []
     heads = "".join(f"{head:>11}" for _, head, _ in _COLUMNS)
     say(f"{'recording':<24}{heads}{'views':>7}{'s':>7}")
-    for row in _one_by_one(options) if options.jobs == 1 and not options.scheduler else _together(options):
+    for source in options.sources:
+        with ProgressBar(Path(source).name) as bar:
+            row = _evaluated(source, options, bar.show)
         rows.append(row)
         cells = "".join(f"{form.format(row[key]):>11}" for key, _, form in _COLUMNS)
         say(f"{row['recording']:<24}{cells}{len(row['views']):>7}{row['seconds']:>7.1f}")
@@ -87,47 +91,53 @@ def _garment_line(garment: dict[str, Any]) -> str:
     return text
 
 
-def _one_by_one(options: Options) -> Iterator[dict[str, Any]]:
-    from flatcloth.batch.evaluate import evaluate_one
+def _evaluated(source: str, options: Options, progress: Progress) -> dict[str, Any]:
+    """Integrate a recording without an operator, and return its figures by name."""
+    from flatcloth.api.integrating import integrate
+    from flatcloth.engine.evaluation import compare
+    from flatcloth.recordings import open_recording
+    from flatcloth.recordings.truth import Truth
 
-    for source in options.sources:
-        with ProgressBar(Path(source).name) as bar:
-            row = evaluate_one(source, options.method, bar.show, options.sides)
-        yield row
-
-
-def _together(options: Options) -> Iterator[dict[str, Any]]:
-    """Evaluate on the engine of ``batch``; the rows come in the order in which the sources were given."""
-    from flatcloth.batch.engines import engine_of
-
-    questions = [
-        {
-            "job": "evaluate",
-            "source": str(Path(source).absolute()) if Path(source).exists() else source,
-            "method": options.method,
-            "sides": options.sides,
-        }
-        for source in options.sources
-    ]
-    found: dict[int, dict[str, Any]] = {}
-    given = 0
-    with (
-        engine_of(options.jobs, options.scheduler, tls=not options.no_tls) as engine,
-        ProgressBar("evaluate") as bar,
-    ):
-        for number, answer in engine.run(questions, options.limits()):
-            found[number] = _figures(options.sources[number], answer)
-            bar.show(len(found) / len(questions), f"{len(found)} of {len(questions)}")
-            while given in found:
-                yield found[given]
-                given += 1
+    recording = open_recording(source)
+    truth = Truth(recording.location)
+    shape = integrate(recording, method=options.method, progress=progress, cores=1, sides=options.sides)
+    comparison = compare(shape.view, truth, recording)
+    return {
+        "recording": recording.name,
+        "method": options.method,
+        **dataclasses.asdict(comparison.evaluation),
+        "views": list(shape.views),
+        "seconds": round(shape.seconds["integrating"], 2),
+        **_sides(shape, recording, truth),
+        **_garment(shape.data, recording, truth),
+    }
 
 
-def _figures(source: str, answer: Any) -> dict[str, Any]:
-    found = answer if isinstance(answer, dict) else {"reason": str(answer)}
-    if "recording" in found:
-        return found
-    raise FlatclothError(found.get("error") or f"{source}: was not evaluated: {found['reason']}")
+def _sides(shape: Shape, recording: Recording, truth: Truth) -> dict[str, Any]:
+    """Return the other side and its relation to this one compared with the truth; nothing without it."""
+    from flatcloth.engine.results.sides_truth import compare_sides
+
+    sides = shape.data.sides
+    if sides is None:
+        return {}
+    if isinstance(sides, str):
+        return {"sides": {"reason": sides}}
+    return {"sides": dataclasses.asdict(compare_sides(shape.view, sides, truth, recording))}
+
+
+def _garment(data: SessionData, recording: Recording, truth: Truth) -> dict[str, Any]:
+    """Return the garment compared with ``truth/points.json``; nothing where there is none."""
+    from flatcloth.engine.garment.truth import compare_garment, read_true_points
+
+    points = read_true_points(Path(recording.location))
+    if points is None:
+        return {}
+    known = data.garment
+    if isinstance(known, str):
+        return {"garment": {"kind": None, "true_kind": points.kind, "reason": known}}
+    canonical = known.canonical
+    compared = compare_garment(known.found, canonical.view, canonical.floating, truth, points, data.sides)
+    return {"garment": dataclasses.asdict(compared)}
 
 
 _COLUMNS: tuple[tuple[str, str, str], ...] = (

@@ -8,15 +8,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar
 from flatcloth.commands.options import HandEye, Output, SourceInformation, number, option
-from flatcloth.commands.output import report
+from flatcloth.commands.output import ProgressBar, report
 from flatcloth.core.errors import FlatclothError, GarmentError, os_errors_as
 from flatcloth.core.plain_files import check_replacing
 
 if TYPE_CHECKING:
-    from flatcloth.export.session import OpenedSession
-    from flatcloth.export.session_data import SessionData
+    from flatcloth.export.session import OpenedSession, SessionData
 
 SUMMARY = "export a session as data, offline page, report, figures, animation, grasp poses or outline"
 EXAMPLES = """examples:
@@ -129,11 +127,11 @@ def _write(name: str, session: OpenedSession, data: SessionData, path: Path) -> 
             for file, content in figure_files(session):
                 write_file(path / file, content)
         case "rerun":
-            from flatcloth.export.formats.rerun import write_rrd
+            from flatcloth.export.formats.moments import write_rrd
 
             write_rrd(session, path)
         case "mcap":
-            from flatcloth.export.formats.mcap import write_mcap
+            from flatcloth.export.formats.moments import write_mcap
 
             write_mcap(session, path)
         case "grasps":

@@ -6,9 +6,8 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from flatcloth.commands.common import ProgressBar
 from flatcloth.commands.options import Output, Source, option
-from flatcloth.commands.output import report
+from flatcloth.commands.output import ProgressBar, report
 from flatcloth.core.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 SUMMARY = "copy a RealSense file, or any other source, into a recording folder"
 EXAMPLES = """examples:
   flatcloth import turned.db3 --out my-recording --step 10        stops every 10 degrees
-  flatcloth import turning.bag --out my-recording --turning-speed 12
   flatcloth import turned.db3 --out my-recording --angles turntable.csv --align color"""
 
 
@@ -27,9 +25,6 @@ class Options(Output, Source):
 
     out: Path = option("new folder to write", "DIR", MISSING)
     name: str | None = option("title of the recording (default: the source's own)", "TEXT")
-    turning_speed: float | None = option(
-        "RealSense file of an item that turned continuously: its speed", "DEG_PER_S"
-    )
     align: Literal["depth", "color"] | None = option(
         "RealSense file: the camera whose pixels are kept (default: depth, which is then unchanged)"
     )
@@ -39,7 +34,7 @@ def run(options: Options) -> None:
     """Read the source, write the folder, and print a summary."""
     from flatcloth.checking.check import check_recording
     from flatcloth.recordings import open_recording
-    from flatcloth.recordings.copying import copy_recording
+    from flatcloth.recordings.writer import copy_recording
 
     with ProgressBar(Path(options.source).name) as bar:
         recording = _opened(options, bar)
@@ -61,16 +56,9 @@ def _opened(options: Options, bar: ProgressBar) -> Recording:
 
     path = Path(options.source).expanduser()
     if not is_realsense(path):
-        if options.turning_speed is not None or options.align is not None:
-            raise RecordingError(
-                f"{path}: not a RealSense file. --turning-speed and --align apply only to those."
-            )
+        if options.align is not None:
+            raise RecordingError(f"{path}: not a RealSense file. --align applies only to those.")
         return open_recording(options.source, options.source_options())
-    given = {
-        "align": options.align,
-        "step_deg": options.step,
-        "angles": options.angles,
-        "turning_speed_deg_s": options.turning_speed,
-    }
+    given = {"align": options.align, "step_deg": options.step, "angles": options.angles}
     mends = options.source_options().mends or Mends()
     return mended(open_isolated("realsense", path, given, bar.show), mends)

@@ -20,11 +20,11 @@ from flatcloth.methods.registry import method_names
 
 if TYPE_CHECKING:
     from flatcloth.active.goal import Budget, Goal
-    from flatcloth.batch.runner import Limits
+    from flatcloth.batch.engines import Limits
     from flatcloth.core.geometry import Rigid3
     from flatcloth.core.strokes import Decision
     from flatcloth.recordings import SourceOptions
-    from flatcloth.synthesis.cell import Cell
+    from flatcloth.synthesis.recording import Cell
 
 T = TypeVar("T")
 
@@ -226,7 +226,7 @@ class SourceInformation(Mending):
         group=_LACKING,
     )
     fov: tuple[float, float] | None = option(
-        "instead, approximately: its field of view in degrees; with --camera-file, writes that file",
+        "instead, approximately: its field of view in degrees",
         "H V",
         group=_LACKING,
     )
@@ -301,7 +301,7 @@ class Engine:
 
     def limits(self) -> Limits:
         """Return the limits of a task."""
-        from flatcloth.batch.runner import Limits
+        from flatcloth.batch.engines import Limits
 
         return Limits(memory_bytes=int(self.memory * 1e9), seconds=self.time_limit)
 
@@ -380,9 +380,8 @@ class SimulatedCell:
     def simulated(self, out: Path | None) -> Cell:
         """Return the simulated cell."""
         from flatcloth.core.resources import sample_mesh
-        from flatcloth.synthesis.cell import Cell
         from flatcloth.synthesis.hanging import PoseErrors
-        from flatcloth.synthesis.recording import Request
+        from flatcloth.synthesis.recording import Cell, Request
 
         request = Request(
             mesh=Path(self.cell) if self.cell else sample_mesh(),

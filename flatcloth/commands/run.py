@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 
-from flatcloth.commands.common import ProgressBar, kept_mends, loading
 from flatcloth.commands.options import HandEye, Method, Output, Sides, Source, Strokes, option
-from flatcloth.commands.output import detail, report
+from flatcloth.commands.output import ProgressBar, detail, kept_mends, loading, report
 
 SUMMARY = "integrate unattended and export the result"
 EXAMPLES = """examples:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 
-from flatcloth.commands.common import ProgressBar
 from flatcloth.commands.options import Output, Source, Strokes, option
-from flatcloth.commands.output import report
+from flatcloth.commands.output import ProgressBar, report
 
 SUMMARY = "find the side of interest of a recording without masks, and write masks"
 EXAMPLES = """examples:
@@ -28,7 +27,7 @@ def run(options: Options) -> None:
     from flatcloth.api.integrating import integration_of
     from flatcloth.engine.segmenting import masked, prepare, summary
     from flatcloth.recordings import open_recording
-    from flatcloth.recordings.copying import copy_recording, write_masks
+    from flatcloth.recordings.writer import copy_recording, write_masks
 
     decisions = options.decisions()
     recording = open_recording(options.source, options.source_options())

@@ -6,9 +6,8 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Literal
 
-from flatcloth.commands.common import ProgressBar
 from flatcloth.commands.options import Output, option
-from flatcloth.commands.output import report
+from flatcloth.commands.output import ProgressBar, report
 
 SUMMARY = "render a garment mesh to a recording with its truth"
 EXAMPLES = """examples:
@@ -73,7 +72,7 @@ def run(options: Options) -> None:
     """Render and write the recording, and print a summary."""
     from flatcloth.synthesis.hanging import PoseErrors
     from flatcloth.synthesis.recording import Request, camera_of, synthesize
-    from flatcloth.synthesis.stereo import Exposure
+    from flatcloth.synthesis.sensor import Exposure
     from flatcloth.validation.kit import printed_cloth, read_kit, write_kit
 
     texture = options.texture or ""

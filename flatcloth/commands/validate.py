@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from flatcloth.commands.common import ProgressBar
 from flatcloth.commands.options import Method, Output, Sides, Source, option
-from flatcloth.commands.output import report
+from flatcloth.commands.output import ProgressBar, report
 
 SUMMARY = "compare a recording of a marked fabric (flatcloth kit) with it: is it right in this cell?"
 EXAMPLES = """examples:

@@ -161,7 +161,7 @@ def _source_options(options: Options, chosen: Chosen | None) -> SourceOptions:
     if chosen is not None and chosen.options is not None:
         return chosen.options
     if chosen is not None and chosen.header is not None:
-        return SourceOptions.from_dict(chosen.header.recording.options, "the session").again()
+        return SourceOptions.from_dict(chosen.header.recording.options, "the session")
     return SourceOptions() if chosen is not None and chosen.kind == "example" else options.source_options()
 
 
@@ -213,7 +213,7 @@ def opened_cell(options: Options) -> Opened:
     FlatclothError
         If the mesh cannot be shown, or the folder cannot be written.
     """
-    from flatcloth.active.station import view_of_cell
+    from flatcloth.active.eye import view_of_cell
     from flatcloth.engine.warmup import compile_beside
 
     options.aim()  # an invalid goal is reported before the mesh is read

@@ -16,7 +16,7 @@ from flatcloth.core.types import FlattenedView, Float64
 from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.growing import GrowingRecording
+from flatcloth.recordings.writer import GrowingRecording
 from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document
 from flatcloth.session.garment import without_doubts

@@ -39,7 +39,7 @@ from flatcloth.flattening.surface import (
 )
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
-from flatcloth.recordings.growing import GrowingRecording
+from flatcloth.recordings.writer import GrowingRecording
 from flatcloth.registration.axis import axis_agreement, resolve_axis
 from flatcloth.segmentation.solver import SideSolver
 

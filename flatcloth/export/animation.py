@@ -15,8 +15,14 @@ from flatcloth.core.types import FlattenedView, Float64, Uint8
 from flatcloth.export.growth import Growth, Step
 from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.drawing import BLUE, GRID, SOFT, figure_of, show_picture, style
-from flatcloth.rendering.pictures import NEW_RGB, PlanePicture, cropped, side_by_side
-from flatcloth.rendering.points import camera_around, paint_points
+from flatcloth.rendering.pictures import (
+    NEW_RGB,
+    PlanePicture,
+    camera_around,
+    cropped,
+    paint_points,
+    side_by_side,
+)
 
 _WIDTH, _HEIGHT, _FOOT, _PANE = 880, 500, 62, 400
 """Layout (px): image, foot, and the pane of the cloud. Chosen."""

@@ -16,12 +16,19 @@ from flatcloth.core.types import Floats
 from flatcloth.engine.outcome import sides_entry
 from flatcloth.engine.sheet import Sheet
 from flatcloth.export import figures
-from flatcloth.export.curves import draw_curves, plan_of, side_of
-from flatcloth.export.figures import Figure
+from flatcloth.export.figures import Figure, draw_curves, plan_of, side_of
 from flatcloth.export.files import printed
 from flatcloth.export.garment import summary
-from flatcloth.export.history import SKIPPED, VERDICTS, Decision
-from flatcloth.export.review import FLAGS, OVERRIDDEN, Flags, is_overridden, overridden
+from flatcloth.export.history import (
+    FLAGS,
+    OVERRIDDEN,
+    SKIPPED,
+    VERDICTS,
+    Decision,
+    Flags,
+    is_overridden,
+    overridden,
+)
 from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import GraspPose

@@ -61,7 +61,7 @@ def open_recording(
     if form is not None:
         recording = open_by(form, path, options)
         recording = recording if options.mends is None else mended(recording, options.mends)
-        keep_source_options(recording, options.again().to_dict())
+        keep_source_options(recording, options.to_dict())
         return recording
     if not path.is_dir():
         raise RecordingError(f"{path}: not a recording. {_can_read()}.")

@@ -10,7 +10,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Bool
 from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.files import depth_files, images
-from flatcloth.recordings.files.pcd import read_pcd
+from flatcloth.recordings.files.depth_files import read_pcd
 from flatcloth.recordings.manifest import HEADER, Manifest, ViewFiles, read_manifest
 from flatcloth.recordings.source import Format, SourceOptions
 

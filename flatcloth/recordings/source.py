@@ -59,13 +59,6 @@ class SourceOptions:
         """Return the files named by the options."""
         return tuple(path for path in (self.angles, self.camera_file) if path is not None)
 
-    def again(self) -> SourceOptions:
-        """Return the options to open the same source again, which writes nothing.
-
-        The camera file has the field of view by then.
-        """
-        return self if self.camera_file is None else dataclasses.replace(self, fov_deg=None)
-
     def to_dict(self) -> dict[str, Any]:
         """Return the given options for JSON; paths are absolute."""
         said: dict[str, Any] = {}

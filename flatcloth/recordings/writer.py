@@ -11,6 +11,8 @@ import itertools
 import json
 import math
 import os
+from collections.abc import Mapping
+from copy import copy
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,8 @@ from numpy.typing import NDArray
 from flatcloth.core.decoding import fitted, parse_json
 from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
-from flatcloth.core.types import Bool, Intrinsics, RotationAxis, Uint8
+from flatcloth.core.types import Bool, Float32, Intrinsics, Progress, RotationAxis, Uint8, no_progress
+from flatcloth.recordings.base import Recording, fingerprint
 from flatcloth.recordings.film.angles import check_distinct
 from flatcloth.recordings.folder import open_folder
 from flatcloth.recordings.manifest import FORMAT, HEADER, RecordingHeader
@@ -280,3 +283,142 @@ class RecordingWriter:
                 f"{array.shape}, not {np.dtype(dtype)} {wanted}."
             )
         return array
+
+
+# --- a recording that grows -----------------------------------------------------------------------
+
+
+class GrowingRecording(Recording):
+    """The recording that a writer writes; from its first view on it can be integrated.
+
+    Parameters
+    ----------
+    writer : RecordingWriter
+        It owns the folder.
+    """
+
+    def __init__(self, writer: RecordingWriter) -> None:
+        self._writer = writer
+        self.angles_deg = ()
+        if len(writer):
+            self._open()
+
+    def _open(self) -> None:
+        vars(self).update(vars(open_folder(self._writer.folder)))
+
+    def add(
+        self,
+        angle_deg: float,
+        color: Uint8,
+        depth_units: Uint16,
+        mask: Bool | None = None,
+        truth_bgr: Uint16 | None = None,
+    ) -> int:
+        """Write a view, and return its number; see :meth:`RecordingWriter.add`."""
+        number = self._writer.add(angle_deg, color, depth_units, mask, truth_bgr)
+        self._open()
+        return number
+
+    def fingerprint_of(self, n_views: int) -> str:
+        """Return the fingerprint that the recording had when it had so many views."""
+        earlier = copy(self)
+        earlier.angles_deg = self.angles_deg[:n_views]
+        return fingerprint(earlier)
+
+    def close(self) -> None:
+        """Release the folder."""
+        self._writer.close()
+
+
+# --- copies ---------------------------------------------------------------------------------------
+
+DEPTH_SCALE_M = 0.0001
+"""Averaged depth has fractions of a millimetre; 16 bits of this reach 6.5 m."""
+_REPORT = "segmentation.json"
+
+
+def copy_recording(
+    recording: Recording,
+    folder: str | os.PathLike[str],
+    name: str | None = None,
+    progress: Progress = no_progress,
+) -> int:
+    """Write all views of a recording to a folder, and return how many.
+
+    Parameters
+    ----------
+    recording : Recording
+        Any kind; its axis, held point and masks are copied if it has them.
+    folder : path
+        New or empty.
+    name : str, optional
+        Replaces the recording's own name.
+    progress : callable
+        Called with the share of the work done.
+
+    Raises
+    ------
+    RecordingError
+        If a view cannot be read or the folder cannot be written; earlier views are kept.
+    """
+    first = recording[0]  # read before the folder is created, in case the recording cannot be read
+    with RecordingWriter(
+        folder,
+        name=name or recording.name,
+        description=recording.description,
+        intrinsics=recording.intrinsics,
+        depth_scale_m=DEPTH_SCALE_M,
+        rotation_axis=recording.rotation_axis,
+        held_point_m=recording.held_point_m,
+    ) as writer:
+        for n in range(len(recording)):
+            progress(n / len(recording), f"writing view {n}")
+            frame = recording[n] if n else first
+            writer.add(frame.angle_deg, frame.color, depth_units(frame.depth_m), frame.mask)
+        return len(writer)
+
+
+def write_masks(
+    recording: Recording, folder: Path, report: Mapping[str, Any], progress: Progress = no_progress
+) -> int:
+    """Write the mask of each view as ``000.png`` and so on, 255 on the side of interest, with a report.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its views have masks.
+    folder : Path
+        New or empty. Moved into a recording as its folder ``mask``, the files can be named in its
+        ``recording.json``: ``"mask": "mask/000.png"``.
+    report : mapping
+        Written into the same folder as ``segmentation.json``.
+    progress : callable
+        Called with the share of the work done.
+
+    Raises
+    ------
+    RecordingError
+        If the folder holds something else, or cannot be written.
+    """
+    import cv2
+
+    with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise RecordingError(f"{folder}: not empty. Choose a new or an empty folder.")
+        for n in range(len(recording)):
+            progress(n / len(recording), f"writing mask {n}")
+            mask = recording[n].mask
+            assert mask is not None
+            done, data = cv2.imencode(".png", np.where(mask, 255, 0).astype(np.uint8))
+            assert done  # an image of one channel can always be encoded
+            (folder / f"{n:03d}.png").write_bytes(data.tobytes())
+        (folder / _REPORT).write_text(json.dumps(dict(report), indent=1) + "\n")
+    return len(recording)
+
+
+def depth_units(depth_m: Float32) -> Uint16:
+    """Return depth (H, W) in units of ``DEPTH_SCALE_M``, 0 for depth too large for 16 bits."""
+    units = np.round(depth_m.astype(np.float64) / DEPTH_SCALE_M)
+    fits = np.isfinite(units) & (units > 0) & (units <= np.iinfo(np.uint16).max)
+    return np.where(fits, units, 0).astype(np.uint16)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from scipy import ndimage
 
-from flatcloth.core.geometry import window_of
-from flatcloth.core.types import Bool, FlattenedView, Uint8
+from flatcloth.core.geometry import camera_from_object, window_of
+from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, RotationAxis, Uint8
 
 OUTLINE_RGB, NEW_RGB = (230, 126, 0), (255, 140, 0)
 """Colors of the outline and of new pixels. Chosen."""
@@ -106,3 +107,118 @@ def side_by_side(this: FlattenedView, other: FlattenedView) -> tuple[PlanePictur
 def _colored(view: FlattenedView) -> Uint8:
     alpha = np.where(view.valid, 255, 0).astype(np.uint8)
     return np.concatenate([view.rgb, alpha[..., None]], axis=-1)
+
+
+SMALL_PX = (112, 88)
+"""Width and height of the thumbnails of views."""
+_QUALITY, _SMALL_QUALITY = 90, 80
+"""Of images as JPEG, and of their thumbnails. Chosen: lower ones show blocks on flat cloth."""
+
+_MARGIN = 0.04
+"""Margin, as a share of the size. Chosen."""
+
+
+def jpeg_thumbnail(color: Uint8, where: Bool | None = None) -> bytes:
+    """Return the part of an image (H, W, 3) around ``where``, or all, as JPEG of at most ``SMALL_PX``."""
+    return jpeg(fitted(color if where is None else color[_box(where)]), _SMALL_QUALITY)
+
+
+def jpeg(rgb: Uint8, quality: int = _QUALITY) -> bytes:
+    """Return an image (H, W, 3) as JPEG."""
+    return bytes(cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1])
+
+
+def small_shape(rows: int, cols: int, most_px: tuple[int, int] = SMALL_PX) -> tuple[int, int]:
+    """Return rows and columns of a picture made to fit a width and a height."""
+    scale = min(most_px[0] / cols, most_px[1] / rows, 1.0)
+    return max(1, round(rows * scale)), max(1, round(cols * scale))
+
+
+def picture_thumbnail(view: FlattenedView | None, most_px: tuple[int, int] = SMALL_PX) -> Uint8:
+    """Return a flattened view (h, w, 4) uint8, made to fit; without a view one clear pixel."""
+    if view is None or not view.valid.any():
+        return np.zeros((1, 1, 4), dtype=np.uint8)
+    alpha = np.where(view.valid, 255, 0).astype(np.uint8)
+    # Off the cloth black would darken its edge when the picture is made smaller.
+    rgb = np.where(view.valid[..., None], view.rgb, 160).astype(np.uint8)
+    return fitted(np.dstack([rgb, alpha])[_box(view.valid)], most_px)
+
+
+def _box(where: Bool) -> tuple[slice, slice]:
+    tight = window_of(where) or np.s_[:0, :0]
+    margin = 1 + int(_MARGIN * max(part.stop - (part.start or 0) for part in tight))
+    return window_of(where, margin) or np.s_[:, :]
+
+
+def fitted(image: Uint8, most_px: tuple[int, int] = SMALL_PX) -> Uint8:
+    """Return an image (H, W, channels) made to fit a width and a height."""
+    rows, cols = small_shape(image.shape[0], image.shape[1], most_px)
+    return np.asarray(cv2.resize(image, (cols, rows), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+# --- points in space ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A pinhole camera before the turning item: ``focal_px``, the image's size and its optical centre."""
+
+    axis: RotationAxis
+    width: int
+    height: int
+    focal_px: float
+    center_px: tuple[float, float]
+
+    def project(self, xyz_m: Floats, angle_deg: float) -> tuple[Float64, Float64]:
+        """Return pixels (x, y) (N, 2) and depths (N,) of points at a rotation of the item."""
+        seen = camera_from_object(self.axis, angle_deg).apply(xyz_m)
+        depth = np.maximum(seen[:, 2], 1e-3)
+        return seen[:, :2] / depth[:, None] * self.focal_px + np.array(self.center_px), seen[:, 2]
+
+
+def camera_around(xyz_m: Floats, axis: RotationAxis, width: int, height: int) -> Camera:
+    """Return the camera of the recording, with a focal length that shows the points at every rotation."""
+    angles = np.arange(0.0, 360.0, 30.0)
+    plain = Camera(axis=axis, width=width, height=height, focal_px=1.0, center_px=(0.0, 0.0))
+    some = np.asarray(xyz_m, dtype=np.float64)[:: max(1, len(xyz_m) // 5000)]
+    places = np.concatenate([plain.project(some, angle)[0] for angle in angles])
+    low, high = np.percentile(places, 0.2, axis=0), np.percentile(places, 99.8, axis=0)
+    extent = np.maximum(high - low, 1e-6)
+    focal = 0.94 * float(np.min(np.array([width, height]) / extent))
+    middle = (low + high) / 2 * focal
+    return Camera(
+        axis=axis,
+        width=width,
+        height=height,
+        focal_px=focal,
+        center_px=(width / 2 - float(middle[0]), height / 2 - float(middle[1])),
+    )
+
+
+def paint_points(
+    image: Uint8,
+    camera: Camera,
+    angle_deg: float,
+    xyz_m: Floats,
+    rgb: Uint8,
+    behind_m: Floats,
+    *,
+    size_m: float,
+) -> None:
+    """Draw points (N, 3) into an image (H, W, 3) as squares of fixed size in space, the nearest on top.
+
+    ``behind_m`` (N,) is added to the depths for the comparison of two layers of points on one
+    surface, so that one of them does not show through.
+    """
+    place, depth = camera.project(xyz_m, angle_deg)
+    known = np.flatnonzero(np.isfinite(place).all(axis=1) & (depth > 0.05))
+    if not known.size:
+        return
+    side = max(1, round(size_m * camera.focal_px / float(np.median(depth[known]))))
+    corner = np.rint(place[known] - (side - 1) / 2)
+    inside = ((corner >= 0) & (corner <= (camera.width - side, camera.height - side))).all(axis=1)
+    known, corner = known[inside], corner[inside].astype(np.intp)
+    # Of several colors of one pixel the last is painted: the nearest; among equally near points the last one.
+    order = np.argsort(-(depth + behind_m)[known], kind="stable")
+    down, across = np.indices((side, side)).reshape(2, -1)
+    image[corner[order, 1:] + down, corner[order, :1] + across] = rgb[known[order], None]

@@ -21,7 +21,7 @@ from flatcloth.core.decoding import fitted, parse_json
 from flatcloth.core.errors import ConfigError, JournalError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.recordings.base import Recording, fingerprint, source_options
-from flatcloth.recordings.growing import GrowingRecording
+from flatcloth.recordings.writer import GrowingRecording
 
 FORMAT = "flatcloth-session/2"
 HEADER = "session.json"

@@ -10,17 +10,25 @@ from pathlib import Path
 import numpy as np
 
 from flatcloth.core.errors import SynthesisError
-from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Bool, Float64, Intrinsics, Progress, Uint8, no_progress
+from flatcloth.core.geometry import Rigid3, camera_from_object
+from flatcloth.core.types import Bool, Float64, Intrinsics, Progress, RotationAxis, Uint8, no_progress
 from flatcloth.recordings.writer import RecordingWriter, Uint16
 from flatcloth.registration.axis import THREADS
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel
-from flatcloth.synthesis.hanging import Hung, PoseErrors, hang, share_in_image, turn, twisted
+from flatcloth.synthesis.hanging import Hung, PoseErrors, astray, hang, share_in_image, turn, twisted
 from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh, suffix_of
 from flatcloth.synthesis.panels import split_panels
 from flatcloth.synthesis.rendering import MESH_COLORS, Scene, vertex_normals
-from flatcloth.synthesis.sensor import DepthSensor, measure_color, measure_depth
-from flatcloth.synthesis.stereo import COLOR_ABOVE_M, Exposure, aligned_color, measure_stereo, projector
+from flatcloth.synthesis.sensor import (
+    COLOR_ABOVE_M,
+    DepthSensor,
+    Exposure,
+    aligned_color,
+    measure_color,
+    measure_depth,
+    measure_stereo,
+    projector,
+)
 from flatcloth.synthesis.textures import PATTERNS, Texture
 
 CAMERA = Intrinsics(width=480, height=848, fx=425.0, fy=425.0, cx=239.5, cy=423.5)
@@ -309,3 +317,76 @@ def _description(request: Request) -> str:
     ]
     parts = ["synthetic", f"from the mesh {request.mesh.name}", NOISES[request.noise], *filter(None, more)]
     return ", ".join(parts)
+
+
+# --- a simulated cell -----------------------------------------------------------------------------
+
+
+class Cell:
+    """A mesh on a simulated turntable; see the command ``active --cell``.
+
+    ``points_m`` are its vertices (N, 3) as they hang at the start angle 0, camera frame; for evaluation.
+
+    Parameters
+    ----------
+    request : Request
+        The mesh, its panel of interest, the camera and the noise. ``loose.swing_m`` sways the item at
+        random for each view, ``loose.angle_deg`` is the error of the turntable; ``out`` and ``step_deg`` are
+        not used.
+    start_deg : float
+        How the item is turned when the cell stands at 0 degrees.
+    most_seen : bool
+        The panel of interest is the one that shows most of its outer face, not that of the request.
+
+    Raises
+    ------
+    SynthesisError
+        If the mesh cannot be read or hung, or an option does not match it.
+
+    Notes
+    -----
+    A look takes about 0.5 s for 480x848 px. The same request, angle and number of the look give the same
+    pictures, so that a loop that was killed goes on as if it had not been.
+    """
+
+    def __init__(self, request: Request, start_deg: float = 0.0, *, most_seen: bool = False) -> None:
+        self._request, self._start_deg = request, start_deg
+        self._item = HungItem(request)
+        if most_seen:
+            self._item.panel_of_interest = _most_seen(self._item, request.camera)
+        self.name = f"cell with {request.mesh.name.partition('.')[0]}"
+        self.intrinsics: Intrinsics = request.camera
+        self.depth_scale_m = self._item.depth_unit_m
+        self.axis: RotationAxis = self._item.hung.axis
+        self.held_point_m: Float64 = self._item.hung.held_point_m
+        self.points_m: Float64 = self._item.hung.points_m
+
+    def look(self, angle_deg: float, number: int) -> CellView:
+        """Turn the item to an angle, and return what the camera sees.
+
+        Parameters
+        ----------
+        angle_deg : float
+            As a recording's angles, from 0 where the cell started.
+        number : int
+            The number of the look; the noise and the sway depend on it.
+
+        Raises
+        ------
+        SynthesisError
+            If the item is not in the image.
+        """
+        seed, hung = self._request.seed, self._item.hung
+        sway, error_deg = astray(hung, self._request.loose, np.random.default_rng([seed, 1, number]))
+        pose = sway @ camera_from_object(self.axis, self._start_deg + angle_deg + error_deg)
+        return self._item.look(pose, hung.points_m, np.random.default_rng([seed, 2, number]))
+
+
+def _most_seen(item: HungItem, camera: Intrinsics) -> int:
+    """Return the panel, 1 or 2, whose outer face covers more pixels of four views round the item."""
+    pixels = np.zeros(2)
+    for angle_deg in (0.0, 90.0, 180.0, 270.0):
+        pose = camera_from_object(item.hung.axis, angle_deg)
+        view = item.scene.view(camera, *pose.apply_with_normal(item.hung.points_m, item.normals))
+        pixels += [(view.outer & (view.panel == panel)).sum() for panel in (1, 2)]
+    return int(pixels.argmax()) + 1

@@ -12,9 +12,15 @@ import pytest
 from cells import SHAPE, led, loop_in, seen, sheet_cell
 from garment_evidence import blank_view
 
-from flatcloth.active.choosing import Next, choose_next, expected_std_m, free_angles_deg
-from flatcloth.active.ending import End, end_of
-from flatcloth.active.expecting import OtherSide
+from flatcloth.active.choosing import (
+    End,
+    Next,
+    OtherSide,
+    choose_next,
+    end_of,
+    expected_std_m,
+    free_angles_deg,
+)
 from flatcloth.active.goal import (
     Budget,
     Goal,
@@ -40,8 +46,7 @@ from flatcloth.garments.named_points import Point
 from flatcloth.garments.recognition import Recognition
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.growing import GrowingRecording
-from flatcloth.recordings.writer import RecordingWriter
+from flatcloth.recordings.writer import GrowingRecording, RecordingWriter
 from flatcloth.session.document import Document
 
 

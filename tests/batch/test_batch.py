@@ -76,11 +76,6 @@ def test_a_batch_makes_sessions_and_a_table_and_goes_on_where_it_was(
     assert list(table["a"]) == [column.name for column in COLUMNS]
     assert float(table["a"]["area_cm2"]) == found["a"]["area_cm2"]
     assert table["c"]["reason"] == found["c"]["reason"]
-    parquet = pytest.importorskip("pyarrow.parquet")
-    kept = parquet.read_table(out / "results.parquet").to_pylist()
-    assert {row["name"]: row["area_cm2"] for row in kept} == {
-        name: found[name].get("area_cm2") for name in "abc"
-    }
 
     # What is done is not done again; what failed is tried again, and is told again.
     times = began(out)
@@ -326,21 +321,3 @@ def test_what_cannot_be_done_is_one_line(
     said = capsys.readouterr().err.strip()
     assert cause in said
     assert "\n" not in said
-
-
-def test_evaluate_gives_the_same_figures_on_the_engine(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from fuzzing.samples import SAMPLES
-
-    sample = next(s for s in SAMPLES if s.name == "truth")
-    sample.build(tmp_path)
-    tables = []
-    for jobs in (1, 2):
-        file = tmp_path / f"{jobs}.json"
-        sources = [str(tmp_path / "in")] * jobs
-        assert main(["evaluate", *sources, "--jobs", str(jobs), "--json", str(file)]) == 0
-        tables.append(
-            [{k: v for k, v in row.items() if k != "seconds"} for row in json.loads(file.read_text())]
-        )
-    assert tables[0] * 2 == tables[1]

@@ -15,8 +15,7 @@ from batch_sources import write_cylinders
 from conftest import ROOT, SCREENSHOTS, WAIT_MS  # type: ignore[attr-defined]  # mypy takes that of tests/
 from playwright.sync_api import Browser, Page, expect
 
-from flatcloth.batch.report import write_report
-from flatcloth.batch.review import read_verdicts
+from flatcloth.batch.report import read_verdicts, write_report
 from flatcloth.batch.rows import write_row
 from flatcloth.cli import main
 

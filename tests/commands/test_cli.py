@@ -18,7 +18,7 @@ from flatcloth.export.data import read_shape
 from flatcloth.methods.registry import method_names
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = ("view", "run", "export", "evaluate", "import", "record", "synthesize", "schema")
+COMMANDS = ("view", "run", "export", "evaluate", "import", "record", "synthesize")
 SAMPLE = ROOT / "recordings" / "shirt-sleeve-clean"
 
 
@@ -107,7 +107,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     [
         (["run", "x", "--out", "y", "--mehtod", "paper"], "did you mean --method?"),
         (["view", "x", "--prot", "1"], "did you mean --port?"),
-        (["schema", "grasps", "more"], "unrecognized arguments: more"),
+        (["check", "x", "more"], "unrecognized arguments: more"),
         (["view", "--port", "70000"], "--port"),
         (["view", "--port", "x"], "--port"),
         (["view", "--method", "magic"], "--method"),

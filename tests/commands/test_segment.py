@@ -15,8 +15,7 @@ from scenes import AXIS, CAMERA
 from flatcloth.cli import main
 from flatcloth.core.strokes import FORMAT, ImageStroke
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
-from flatcloth.recordings.writer import RecordingWriter
+from flatcloth.recordings.writer import DEPTH_SCALE_M, RecordingWriter, depth_units
 
 # No view along the plate: it would show nothing.
 VIEWS = plate((0.0, 20.0, 40.0, 60.0, 120.0, 150.0, 180.0, 210.0, 240.0, 300.0, 320.0, 340.0))

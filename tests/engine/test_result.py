@@ -12,7 +12,7 @@ from flatcloth.engine.results.pixel_states import pixel_counts, pixel_states
 from flatcloth.engine.results.result import Areas, left_out
 from flatcloth.export.session import OpenedSession
 from flatcloth.flattening.pixel_states import PixelState
-from flatcloth.rendering.pixel_states import state_legend, state_rgba
+from flatcloth.rendering.sides import state_legend, state_rgba
 from flatcloth.session.machine import Rejected
 
 

@@ -12,9 +12,8 @@ from flatcloth.core.types import Intrinsics, LaidPiece, Rigid2
 from flatcloth.engine.trust import Trust
 from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.methods.answers import Canonical, JoinedSides
-from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.mending import Mends
-from flatcloth.recordings.writer import RecordingWriter
+from flatcloth.recordings.writer import GrowingRecording, RecordingWriter
 from flatcloth.session.document import Document
 from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 

@@ -23,8 +23,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.by_name import made
-from flatcloth.export.curves import plan_of, side_of
-from flatcloth.export.figures import all_figures, garment, maps, of_decision
+from flatcloth.export.figures import all_figures, garment, maps, of_decision, plan_of, side_of
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import Plan

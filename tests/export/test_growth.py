@@ -19,8 +19,7 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.result import at_step
 from flatcloth.engine.sheet import lay_out
 from flatcloth.export.figures import picture_before
-from flatcloth.export.growth import grow
-from flatcloth.export.kept import Kept, colors_of, key_of
+from flatcloth.export.growth import Kept, colors_of, grow, key_of
 from flatcloth.export.report import _floating
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.garments.deciding import placed_piece

@@ -21,7 +21,7 @@ from flatcloth.export.by_name import made
 from flatcloth.export.files import write_text
 from flatcloth.export.report import differences, report
 from flatcloth.export.session import OpenedSession
-from flatcloth.rendering.points import Camera, camera_around, paint_points
+from flatcloth.rendering.pictures import Camera, camera_around, paint_points
 from flatcloth.session.header import Header
 from flatcloth.session.machine import Document
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from flatcloth.core.types import Rigid2
+from flatcloth.export.history import BELOW, BY_HAND, LOW, OVERRIDDEN, Flags, overridden
 from flatcloth.export.report import report
-from flatcloth.export.review import BELOW, BY_HAND, LOW, OVERRIDDEN, Flags, overridden
 from flatcloth.export.session import OpenedSession
 from flatcloth.session.machine import Accepted
 

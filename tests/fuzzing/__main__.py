@@ -19,11 +19,11 @@ from fuzzing.cases import Outcome, observed, run_case
 from fuzzing.samples import SAMPLES, Sample
 
 _IMPORTED = (
-    "cv2", "numba", "scipy.sparse.linalg", "OpenEXR", "rosbags.rosbag1", "rosbags.rosbag2", "trimesh",
+    "cv2", "numba", "scipy.sparse.linalg", "rosbags.rosbag1", "rosbags.rosbag2", "trimesh",
     "flatcloth.cli", "flatcloth.recordings.ros.mcap_file", "flatcloth.recordings.ros.rvl",
     "flatcloth.engine.integration", "flatcloth.recordings.ros.recording",
     "flatcloth.recordings.realsense.turned",
-    "flatcloth.recordings.registry", "flatcloth.recordings.folder", "flatcloth.recordings.copying",
+    "flatcloth.recordings.registry", "flatcloth.recordings.folder", "flatcloth.recordings.writer",
     "flatcloth.synthesis.recording", "flatcloth.export.session", "flatcloth.engine.outcome",
     "flatcloth.engine.headless", "flatcloth.engine.evaluation",
     "flatcloth.methods.paper.method", "flatcloth.methods.robust.method",

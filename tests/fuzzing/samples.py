@@ -197,7 +197,6 @@ SAMPLES = (
     Sample("intrinsic", _open3d(".png", np.uint16), _STEPPED, ("in/intrinsic.json",)),
     Sample("tiff", _open3d(".tiff", np.float32), _STEPPED, ("in/depth/*",)),
     Sample("tiff-16", _open3d(".tif", np.uint16), _STEPPED, ("in/depth/*",)),
-    Sample("exr", _open3d(".exr", np.float32), _STEPPED, ("in/depth/*",)),
     Sample("npy", _open3d(".npy", np.float32), _STEPPED, ("in/depth/*",)),
     Sample("pcd", _multimodal, _import("in", "--turning", "20"), ("in/*.pcd",)),
     Sample("camera-file", _open3d(".png", np.uint16), _GIVEN_CAMERA, ("in/intrinsic.json",)),

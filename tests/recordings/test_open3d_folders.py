@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from foreign_folders import HEIGHT, WIDTH, depth_m, read, refused, rgb, write, write_exr, write_open3d
+from foreign_folders import HEIGHT, WIDTH, depth_m, read, refused, rgb, write, write_open3d
 
 
 @pytest.mark.parametrize(
@@ -20,7 +20,6 @@ from foreign_folders import HEIGHT, WIDTH, depth_m, read, refused, rgb, write, w
         (".png", np.uint16),
         (".tiff", np.uint16),
         (".tif", np.float32),
-        (".exr", np.float32),
         (".npy", np.uint16),
         (".npy", np.int32),
         (".npy", np.float64),
@@ -89,22 +88,6 @@ def test_floating_depth_in_millimetres_is_refused_but_a_far_background_is_not(tm
     assert np.count_nonzero(read(folder)[0].depth_m) == 1
 
 
-@pytest.mark.parametrize(
-    "channels",
-    [
-        {"V": 1.0},
-        {"View.Depth.Z": 1.0, "View.Combined.G": 0.0},
-        {"R": 1.0, "G": 1.0, "B": 1.0},
-        {"A": 0.0, "Y": 1.0},
-    ],
-)
-def test_the_depth_channel_of_an_exr_is_found(tmp_path: Path, channels: dict[str, float]) -> None:
-    folder = write_open3d(tmp_path / "scan", 1, suffix=".exr", dtype=np.float32)
-    filled = {name: np.full((HEIGHT, WIDTH), value, dtype=np.float32) for name, value in channels.items()}
-    write_exr(folder / "depth" / "00000.exr", filled)
-    assert (read(folder)[0].depth_m == 1.0).all()
-
-
 def test_depth_files_that_are_wrong_are_one_line(tmp_path: Path) -> None:
     folder = write_open3d(tmp_path / "scan", 1)
     depth = folder / "depth"
@@ -121,7 +104,7 @@ def test_depth_files_that_are_wrong_are_one_line(tmp_path: Path) -> None:
         return (tmp_path / name).read_bytes()
 
     units = (1000 * depth_m(0)).astype(np.uint16)
-    for name, pixels in (("a.npy", units), ("a.tif", units), ("a.exr", depth_m(0)), ("a.png", units)):
+    for name, pixels in (("a.npy", units), ("a.tif", units), ("a.png", units)):
         whole = saved(name, pixels)
         put(f"00000{Path(name).suffix}", whole[:-20], "truncated|damaged")
         put(f"00000{Path(name).suffix}", whole[:40], "truncated|damaged|not a readable")
@@ -133,10 +116,7 @@ def test_depth_files_that_are_wrong_are_one_line(tmp_path: Path) -> None:
     put("00000.tif", saved("a.tif", np.ones((HEIGHT, WIDTH, 3), dtype=np.uint16)), "with 3 channels")
     put("00000.png", saved("a.png", units.astype(np.uint8)), "8-bit PNG")
     put("00000.tif", b"II*\0\xff\xff\xff\x7f", "damaged")
-    put("00000.exr", b"v/1\x01", "damaged")
     put("00000.png", saved("a.jpg", rgb(0)), "JPEG")
-    write_exr(tmp_path / "b.exr", {n: np.ones((HEIGHT, WIDTH), dtype=np.float32) for n in ("A", "M")})
-    put("00000.exr", (tmp_path / "b.exr").read_bytes(), "with 2 channels")
     (depth / "00000.png").mkdir()
     refused(folder, "not a file")
 
@@ -175,19 +155,3 @@ def test_the_opencv_writer_of_tiff_compresses_and_is_read(tmp_path: Path) -> Non
     path = str(folder / "depth" / "00000.tif")
     assert cv2.imwrite(path, noise, [cv2.IMWRITE_TIFF_COMPRESSION, 8])
     np.testing.assert_allclose(read(folder)[0].depth_m, noise * np.float32(0.001), rtol=1e-6)
-
-
-def test_an_exr_that_announces_more_than_an_image_is_never_decoded(tmp_path: Path) -> None:
-    """2.5 MB of it took 5 GB and 26 s."""
-    folder = write_open3d(tmp_path / "scan", 1, suffix=".exr", dtype=np.float32)
-    file = folder / "depth" / "00000.exr"
-    plane = np.zeros((HEIGHT, WIDTH), dtype=np.float32)
-    write_exr(file, {"Z": plane, **{f"c{n:03d}": plane for n in range(60)}})
-    refused(folder, "61 channels, more than 32. Export the depth alone")
-    large = np.zeros((2400, 2400), dtype=np.float32)
-    write_exr(file, {"Z": large, "M": large, "N": large})
-    assert file.stat().st_size < 1_000_000
-    refused(folder, "2400x2400 px in 3 channels, more than 16 million values")
-    # The reader of the refused file reads the next one.
-    write_exr(file, {"Z": depth_m(0).astype(np.float32), "M": plane})
-    assert read(folder)[0].depth_m.shape == (HEIGHT, WIDTH)

@@ -12,7 +12,7 @@ from pcd_files import CAMERA, cloud_points, write_pcd
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.files.pcd import camera_of, read_pcd
+from flatcloth.recordings.files.depth_files import camera_of, read_pcd
 
 
 @pytest.mark.parametrize("layout", ["ascii", "binary", "binary_compressed"])

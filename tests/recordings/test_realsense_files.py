@@ -105,21 +105,23 @@ def test_a_table_gives_the_angles_of_the_stops(files: Path, tmp_path: Path) -> N
 
 
 def test_an_item_that_turns_all_the_time_is_taken_at_each_step(files: Path, tmp_path: Path) -> None:
-    read = open_realsense(files / "turning.db3", TurnOptions(turning_speed_deg_s=12))
+    table = tmp_path / "a.csv"
+    table.write_text("0 0\n10 120\n")
+    read = open_realsense(files / "turning.db3", TurnOptions(angles=table))
     assert len(read) == 5
     for n, angle in enumerate(read.angles_deg):
         assert angle == pytest.approx(10 * n, abs=0.45)  # the frame nearest to it, at 15 frames/s
         assert np.median(np.abs(depth_error_mm(read, n, angle))) < 1.5
-    table = tmp_path / "a.csv"
     table.write_text("1.0 5\n5.0 53\n")  # by the camera's clock, which begins at 1 s
     again = open_realsense(files / "turning.db3", TurnOptions(angles=table))
     assert again.angles_deg == pytest.approx(read.angles_deg, abs=0.5)
-    back = open_realsense(files / "turning.db3", TurnOptions(turning_speed_deg_s=-12, step_deg=20))
+    table.write_text("0 0\n10 -120\n")
+    back = open_realsense(files / "turning.db3", TurnOptions(angles=table, step_deg=20))
     assert back.angles_deg == pytest.approx((0, -20, -40), abs=0.5)
 
 
 def test_an_item_that_never_rests_needs_to_be_told_how_it_turned(files: Path) -> None:
-    with pytest.raises(RecordingError, match=r"never stands still.*--turning-speed.*--angles"):
+    with pytest.raises(RecordingError, match=r"never stands still.*--angles"):
         open_realsense(files / "turning.db3")
 
 
@@ -363,10 +365,8 @@ def test_a_recording_of_nothing_is_refused(tmp_path: Path) -> None:
     [
         (TurnOptions(step_deg=0), "--step 0"),
         (TurnOptions(step_deg=float("nan")), "--step nan"),
-        (TurnOptions(turning_speed_deg_s=0), "--turning-speed 0"),
         (TurnOptions(align="infrared"), "no alignment 'infrared'"),
         (TurnOptions(angles=Path("none.csv")), r"none\.csv"),
-        (TurnOptions(angles=Path("a.csv"), turning_speed_deg_s=3), "Give only one of them"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(files: Path, options: TurnOptions, message: str) -> None:

@@ -10,9 +10,9 @@ import pytest
 from realsense_files import Shot, stop_and_go, turning
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings.film.averaging import average_color, average_depth
+from flatcloth.recordings.film.angles import read_turning
+from flatcloth.recordings.film.recording import average_color, average_depth
 from flatcloth.recordings.film.stillness import STILL_PX_S, MotionMeter, Stop, find_stops, glance
-from flatcloth.recordings.film.turning import constant_turning, read_turning
 
 
 def speeds(shots: Iterable[Shot]) -> list[float]:
@@ -172,9 +172,3 @@ def test_a_table_that_is_none_is_refused(tmp_path: Path, text: str, message: str
         read_turning(file, first_clock_s=1000.0, seconds=3.0)
     with pytest.raises(RecordingError, match=r"none\.csv"):
         read_turning(tmp_path / "none.csv", 0.0, 3.0)
-
-
-@pytest.mark.parametrize("speed", [0.0, float("nan"), 1000.0])
-def test_a_turning_speed_that_is_none_is_refused(speed: float) -> None:
-    with pytest.raises(RecordingError, match="--turning-speed"):
-        constant_turning(speed, 10.0)

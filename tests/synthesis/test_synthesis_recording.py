@@ -18,7 +18,7 @@ from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.synthesis.hanging import PoseErrors, hang, turn
 from flatcloth.synthesis.recording import Request, camera_of, synthesize
-from flatcloth.synthesis.stereo import Exposure
+from flatcloth.synthesis.sensor import Exposure
 from flatcloth.synthesis.textures import PATTERNS, pattern_rgb
 
 CAMERA = camera_of((96, 128), 180.0)

@@ -13,7 +13,7 @@ from flatcloth.cli import main
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.synthesis.hanging import PoseErrors, hang, turn, twisted
-from flatcloth.synthesis.stereo import COLOR_ABOVE_M, Exposure, aligned_color, match
+from flatcloth.synthesis.sensor import COLOR_ABOVE_M, Exposure, aligned_color, match
 
 
 def speckled(shape: tuple[int, int], seed: int = 0) -> np.ndarray:

@@ -26,7 +26,7 @@ import pytest
 from exported_sessions import write_cylinder
 from websockets.sync.client import connect
 
-from flatcloth.batch.review import FILE, decide, read_verdicts
+from flatcloth.batch.report import FILE, decide, read_verdicts
 from flatcloth.batch.rows import read_row, rows_in, write_row
 from flatcloth.cli import main
 from flatcloth.core.errors import JournalError

@@ -11,9 +11,9 @@ import pytest
 from cells import SHAPE, sheet_cell
 from page_tabs import Tab, get, post
 
+from flatcloth.active.eye import view_of_cell
 from flatcloth.active.goal import Budget
 from flatcloth.active.incoming import SeenView
-from flatcloth.active.station import view_of_cell
 from flatcloth.recordings import open_recording
 from flatcloth.viewer.modes.active import ActiveApplication, PageLoop
 from flatcloth.viewer.server.app import PageServer

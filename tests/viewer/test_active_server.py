@@ -36,10 +36,9 @@ from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.named_points import Point
 from flatcloth.garments.recognition import Recognition
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.protocol.posted import Image, PostedView
-from flatcloth.viewer.protocol.robot import Hello, PointsChanged, ShapeChanged
+from flatcloth.viewer.protocol.robot import Hello, Image, PointsChanged, PostedView, ShapeChanged
 from flatcloth.viewer.routes.active import active_routes, loop_events
-from flatcloth.viewer.routes.robot_answers import Told
+from flatcloth.viewer.routes.robot import Told
 
 ROOT = Path(__file__).parents[2]
 TOKEN = "0123456789abcdef0123456789abcdef"

@@ -29,7 +29,7 @@ from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Document, Start
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.messages import parsed
-from flatcloth.viewer.routes.robot_answers import RobotAnswers
+from flatcloth.viewer.routes.robot import RobotAnswers
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 

@@ -284,7 +284,7 @@ def test_a_session_knows_what_its_recording_was_opened_with(tmp_path: Path) -> N
         SessionFolder.open(root / name, recording, Config(), "robust").close()
     chosen = Places(root).chosen("folder", "inside")
     assert chosen.header is not None
-    again = SourceOptions.from_dict(chosen.header.recording.options, "session.json").again()
+    again = SourceOptions.from_dict(chosen.header.recording.options, "session.json")
     assert list(open_recording(chosen.source, again).angles_deg) == list(recording.angles_deg)
     with pytest.raises(PlaceError, match=r"outside\.csv lies outside"):
         Places(root).chosen("folder", "beyond")

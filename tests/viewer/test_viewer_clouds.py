@@ -19,8 +19,7 @@ from flatcloth.session.machine import Propose, Start
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.picture import Picture, make_picture
 from flatcloth.viewer.protocol.settings import Settings
-from flatcloth.viewer.scene.clouds import HELD, LIVE, PROPOSAL, all_views, clouds_of
-from flatcloth.viewer.scene.scene import Scene
+from flatcloth.viewer.scene.scene import HELD, LIVE, PROPOSAL, Scene, all_views, clouds_of
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 330.0)
 N = len(ANGLES_DEG)

@@ -16,8 +16,7 @@ from scene_camera import SceneCamera, opened
 from viewer_fakes import CylinderCamera, CylinderIntegration
 
 from flatcloth.core.errors import FlatteningError
-from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
-from flatcloth.viewer.modes.live import LiveFrames
+from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings, LiveFrames
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 

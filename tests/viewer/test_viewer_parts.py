@@ -30,8 +30,7 @@ from flatcloth.session.machine import (
     Started,
     apply,
 )
-from flatcloth.viewer.protocol.actions import ACTIONS
-from flatcloth.viewer.protocol.allowed import action_table, command_of
+from flatcloth.viewer.protocol.actions import ACTIONS, action_table, command_of
 from flatcloth.viewer.protocol.picture import values_at
 
 AXIS = CylinderRecording().rotation_axis

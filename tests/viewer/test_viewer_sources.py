@@ -13,7 +13,7 @@ from scenes import CAMERA, Cylinder
 
 from flatcloth.engine.integration import Integration
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.routes.sources import crop
+from flatcloth.viewer.routes.layers import crop
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 

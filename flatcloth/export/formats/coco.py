@@ -22,11 +22,10 @@ from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import Bool, Float64, RgbdFrame, RotationAxis
 from flatcloth.export.data import GARMENT, GRASPS
 from flatcloth.export.files import write_text
-from flatcloth.export.formats.documents import GarmentDocument, GraspsDocument, PointEntry
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.grasping.visibility import Visibility, project, visibility_in
 from flatcloth.recordings import SourceOptions, open_recording
-from flatcloth.rendering.thumbnails import jpeg
+from flatcloth.rendering.pictures import jpeg
 from flatcloth.session.header import HEADER, read_header
 
 ANNOTATIONS = "annotations.json"
@@ -34,12 +33,38 @@ NOT_LABELLED, HIDDEN, VISIBLE = 0, 1, 2
 """Flags of a keypoint, by definition of the format."""
 
 
+_XYZ = tuple[float | None, float | None, float | None]
+
+
+class _Point(msgspec.Struct, frozen=True):
+    xyz_m: _XYZ | None = None
+    normal: _XYZ | None = None
+
+
+class _Garment(msgspec.Struct, frozen=True):
+    """What is read of ``garment.json``."""
+
+    kind: str | None
+    points: dict[str, _Point]
+
+
+class _Axis(msgspec.Struct, frozen=True):
+    point_m: _XYZ
+    direction: _XYZ
+
+
+class _Grasps(msgspec.Struct, frozen=True):
+    """What is read of ``grasps.json``."""
+
+    rotation_axis: _Axis
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Result:
     """A result: its folder, its garment, and the turning axis of its points."""
 
     folder: Path
-    garment: GarmentDocument
+    garment: _Garment
     axis: RotationAxis
 
 
@@ -93,8 +118,8 @@ def _result(folder: Path) -> _Result | None:
     if not (folder / GARMENT).exists() or not (folder / HEADER).exists():
         return None
     try:
-        garment = msgspec.json.decode(read_plain(folder / GARMENT), type=GarmentDocument)
-        grasps = msgspec.json.decode(read_plain(folder / GRASPS), type=GraspsDocument)
+        garment = msgspec.json.decode(read_plain(folder / GARMENT), type=_Garment)
+        grasps = msgspec.json.decode(read_plain(folder / GRASPS), type=_Grasps)
     except OSError as error:
         raise FlatclothError(f"{folder}: cannot be read ({error.strerror}); export it again.") from error
     except msgspec.MsgspecError as error:
@@ -116,7 +141,7 @@ def _views(
     result: _Result, category: dict[str, Any], out: Path
 ) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
     header = read_header(result.folder)
-    options = SourceOptions.from_dict(header.recording.options, str(result.folder / HEADER)).again()
+    options = SourceOptions.from_dict(header.recording.options, str(result.folder / HEADER))
     recording = open_recording(header.recording.location, options)
     for index in range(len(recording)):
         frame = recording[index]
@@ -150,7 +175,7 @@ def _annotation(result: _Result, category: dict[str, Any], frame: RgbdFrame) -> 
     }
 
 
-def _keypoint(point: PointEntry | None, axis: RotationAxis, frame: RgbdFrame) -> list[float]:
+def _keypoint(point: _Point | None, axis: RotationAxis, frame: RgbdFrame) -> list[float]:
     """Return x, y and flag; x and y count pixels from the middle of the first one, as COCO's tools do."""
     if point is None or point.xyz_m is None or point.normal is None:
         return [0, 0, NOT_LABELLED]

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
 
 from flatcloth.core.geometry import Rigid3, camera_from_object
-from flatcloth.core.types import Bool, Float32, RgbdFrame, Uint8
+from flatcloth.core.types import Bool, Float32, Intrinsics, RgbdFrame, Uint8
+from flatcloth.export.data import png_bytes
 from flatcloth.export.garment import garment_points
 from flatcloth.export.session import OpenedSession
+from flatcloth.grasping.grasps import quaternion_wxyz
+from flatcloth.rendering.pictures import jpeg
 from flatcloth.session.journal import Pick
 
 _EVERY = 2
@@ -63,3 +72,178 @@ def moments(session: OpenedSession) -> Iterator[Moment]:
 def points_of(session: OpenedSession) -> list[Pick]:
     """Return the picks of a session, and the named points that were seen."""
     return [*session.history.picks, *garment_points(session.garment)]
+
+
+# --- rerun ----------------------------------------------------------------------------------------
+
+OBJECT = "camera/object"
+DEPTH_PER_M = 10_000.0
+"""Steps of the depth images in a metre. Chosen: 0.1 mm, up to 6.5 m."""
+
+
+def write_rrd(session: OpenedSession, path: Path) -> None:
+    """Write the cloud of the shape as it grew, the views, the flat shape, and the points at each angle.
+
+    Raises
+    ------
+    FlatclothError
+        If the session has no start view.
+    """
+    import rerun as rr
+
+    recording, points = session.integration.recording, points_of(session)
+    stream = rr.RecordingStream("flatcloth", recording_id=recording.name)
+    stream.save(str(path))
+    stream.set_log_time_enabled(False)  # the time of the export is irrelevant
+    camera = recording.intrinsics
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    stream.log("camera", rr.ViewCoordinates.RDF, static=True)
+    stream.log(
+        "camera/image", rr.Pinhole(image_from_camera=matrix, width=camera.width, height=camera.height),
+        static=True,
+    )  # fmt: skip
+    positions_m = np.array([point.position_held_m for point in points]).reshape(-1, 3)
+    names = [point.name for point in points]
+    stream.log(f"{OBJECT}/points", rr.Points3D(positions_m, labels=names, radii=0.005), static=True)
+    for moment in moments(session):
+        _log(rr, stream, session, moment, positions_m, names)
+    stream.flush()
+    stream.disconnect()
+
+
+def _log(
+    rr: Any, stream: Any, session: OpenedSession, moment: Moment, positions_m: Any, names: list[str]
+) -> None:
+    frame, pose = moment.frame, moment.camera_from_object
+    stream.set_time("step", sequence=moment.order)
+    # Timelines count whole numbers: thousandths of a degree.
+    stream.set_time("angle", sequence=round(1000 * frame.angle_deg))
+    stream.log("angle_deg", rr.Scalars(frame.angle_deg))
+    stream.log(OBJECT, rr.Transform3D(translation=pose.translation_m, mat3x3=pose.rotation))
+    stream.log(f"{OBJECT}/cloud", rr.Points3D(moment.points_m, colors=moment.colors, radii=0.001))
+    stream.log("camera/image/color", rr.EncodedImage(contents=jpeg(frame.color), media_type="image/jpeg"))
+    depth = cv2.imencode(".png", np.rint(DEPTH_PER_M * frame.depth_m).astype(np.uint16))[1].tobytes()
+    encoded = rr.EncodedDepthImage(depth, media_type="image/png", meter=DEPTH_PER_M)
+    stream.log("camera/image/depth", encoded)
+    rgb = session.growth.view.rgb
+    flat = png_bytes(rgb, moment.shown)
+    stream.log("flat/image", rr.EncodedImage(contents=flat, media_type="image/png"))
+    if len(positions_m):
+        in_camera = pose.apply(positions_m)
+        stream.log("points_in_camera", rr.Points3D(in_camera, labels=names, radii=0.005))
+
+
+# --- MCAP, for Foxglove ---------------------------------------------------------------------------
+
+VIEW_NS = 1_000_000_000
+"""Time of each view. Chosen: to be watched."""
+
+
+def write_mcap(session: OpenedSession, path: Path) -> None:
+    """Write images, transforms, the shape as it grew, and the poses of picks and named points.
+
+    Raises
+    ------
+    FlatclothError
+        If the session has no start view.
+    """
+    import foxglove
+    from foxglove import channels
+
+    begun = datetime.fromisoformat(session.history.header.created)
+    begun_ns = int(begun.timestamp()) * 1_000_000_000
+    context, poses = foxglove.Context(), _poses(session, points_of(session))
+    with foxglove.open_mcap(path, allow_overwrite=True, context=context) as writer:
+        log: dict[str, Any] = {
+            "tf": channels.FrameTransformsChannel("/tf", context=context),
+            "calibration": channels.CameraCalibrationChannel("/camera/calibration", context=context),
+            "color": channels.CompressedImageChannel("/camera/color", context=context),
+            "cloud": channels.PointCloudChannel("/shape/cloud", context=context),
+            "flat": channels.CompressedImageChannel("/shape/image", context=context),
+            "points": channels.PosesInFrameChannel("/points", context=context),
+        }
+        for moment in moments(session):
+            messages = _messages(session, moment, poses)
+            for topic, make in messages.items():
+                log[topic].log(make, log_time=begun_ns + VIEW_NS * moment.order)
+        writer.write_metadata(
+            "flatcloth",
+            {"recording": session.history.header.recording.name, "method": session.history.header.method},
+        )
+
+
+def _poses(session: OpenedSession, points: list[Pick]) -> dict[str, Rigid3]:
+    """Return the grasp poses in the object frame by name; points whose normal is unknown have none."""
+    found = {}
+    for point in points:
+        pose = session.pose_of(point)
+        if pose is not None:
+            found[point.name] = pose.object_from_grasp
+    return found
+
+
+def _messages(session: OpenedSession, moment: Moment, poses: dict[str, Rigid3]) -> dict[str, Any]:
+    from foxglove import messages as types
+
+    frames = {"object": ("camera", moment.camera_from_object)}
+    frames |= {f"point/{name}": ("object", pose) for name, pose in poses.items()}
+    transforms = [
+        types.FrameTransform(
+            parent_frame_id=parent,
+            child_frame_id=child,
+            translation=_vector(types.Vector3, motion),
+            rotation=_quaternion(types, motion),
+        )
+        for child, (parent, motion) in frames.items()
+    ]
+    listed = [
+        types.Pose(position=_vector(types.Vector3, pose), orientation=_quaternion(types, pose))
+        for pose in poses.values()
+    ]
+    flat = png_bytes(session.growth.view.rgb, moment.shown)
+    return {
+        "tf": types.FrameTransforms(transforms=transforms),
+        "calibration": _calibration(types, session.integration.recording.intrinsics),
+        "color": types.CompressedImage(frame_id="camera", data=jpeg(moment.frame.color), format="jpeg"),
+        "cloud": _cloud(types, moment),
+        "flat": types.CompressedImage(frame_id="flattened", data=flat, format="png"),
+        "points": types.PosesInFrame(frame_id="object", poses=listed),
+    }
+
+
+def _cloud(types: Any, moment: Moment) -> Any:
+    kinds = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
+    points = np.rec.fromarrays([*moment.points_m.T, *moment.colors.T], dtype=kinds)
+    numbers = types.PackedElementFieldNumericType
+    offsets = {name: offset for name, (_, offset, *_rest) in (points.dtype.fields or {}).items()}
+    fields = [
+        types.PackedElementField(
+            name=name, offset=offsets[name],
+            type=numbers.Float32 if kind == "<f4" else numbers.Uint8,
+        )
+        for name, kind in kinds
+    ]  # fmt: skip
+    return types.PointCloud(
+        frame_id="object", point_stride=points.itemsize, fields=fields, data=points.tobytes()
+    )
+
+
+def _calibration(types: Any, camera: Intrinsics) -> Any:
+    matrix = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
+    return types.CameraCalibration(
+        frame_id="camera",
+        width=camera.width,
+        height=camera.height,
+        K=matrix,
+        P=[*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0],
+    )
+
+
+def _vector(kind: Any, motion: Rigid3) -> Any:
+    x, y, z = map(float, motion.translation_m)
+    return kind(x=x, y=y, z=z)
+
+
+def _quaternion(types: Any, motion: Rigid3) -> Any:
+    w, x, y, z = map(float, quaternion_wxyz(motion.rotation))
+    return types.Quaternion(x=x, y=y, z=z, w=w)

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
-import os
 import re
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flatcloth.core.errors import RecordingError, os_errors_as
-from flatcloth.core.plain_files import open_new
+from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics
 from flatcloth.recordings.files.camera import WORDS, Lens, checked_intrinsics, checked_lens, lens_model
-from flatcloth.recordings.files.depth_files import read_depth_header
+from flatcloth.recordings.files.depth_files import camera_of, read_depth_header, read_pcd
 from flatcloth.recordings.files.images import read_header
-from flatcloth.recordings.files.pcd import camera_of, read_pcd
 from flatcloth.recordings.files.text import failing, load_table, read_text, shortened, unused
 from flatcloth.recordings.source import SourceOptions
 
@@ -93,21 +89,19 @@ def read_camera(
 
 
 def _given(size: tuple[int, int], options: SourceOptions) -> Camera | None:
-    """Return the camera of images of a size (width, height) that the user gives, None if there is none.
-
-    If there is a field of view and a path of a camera file that does not exist, the file is written. The
-    same command again finds it, as the other recordings of a batch do.
-    """
-    path = None if options.camera_file is None else options.camera_file.expanduser()
+    """Return the camera of images of a size (width, height) that the user gives, None if there is none."""
     if options.fov_deg is None:
-        return None if path is None else _of_file(path, size)
-    table = {name: round(value, 6) for name, value in asdict(_of_fov(size, options.fov_deg)).items()}
-    camera = camera_of_table("--fov", {**table, "rough": True}, size)
-    if path is not None and not path.exists():
-        _write(path, {**table, "rough": True})
-    elif path is not None and _of_file(path, size).intrinsics != camera.intrinsics:
-        raise RecordingError(f"{path}: describes another camera than --fov. Give only one of them.")
-    return camera
+        path = options.camera_file
+        return None if path is None else _of_file(path.expanduser(), size)
+    if options.camera_file is not None:
+        raise RecordingError(f"{options.camera_file}: given together with --fov. Give only one of them.")
+    camera = _of_fov(size, options.fov_deg)
+    note = (
+        f"The camera is approximate, from a field of view only (focal length {camera.fx:.0f} and "
+        f"{camera.fy:.0f} px, axis in the middle, no distortion). Lengths may be wrong by some percent; "
+        "calibrate the camera before measuring."
+    )
+    return Camera(intrinsics=camera, lens=Lens(camera), notes=(note,))
 
 
 def _of_file(path: Path, size: tuple[int, int]) -> Camera:
@@ -134,18 +128,11 @@ def _of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrinsics:
     if not all(5 <= angle <= 150 for angle in fov_deg):
         fail("not a field of view", "Give two angles in degrees, horizontal and vertical, from 5 to 150.")
     # The image ends half a pixel beyond the centre of its outermost pixels.
-    fx, fy = (n / 2 / math.tan(math.radians(angle) / 2) for n, angle in zip(size, fov_deg, strict=True))
+    fx, fy = (
+        round(n / 2 / math.tan(math.radians(angle) / 2), 6) for n, angle in zip(size, fov_deg, strict=True)
+    )
     cx, cy = ((n - 1) / 2 for n in size)
     return checked_intrinsics(Intrinsics(width=size[0], height=size[1], fx=fx, fy=fy, cx=cx, cy=cy), fail)
-
-
-def _write(path: Path, table: dict[str, Any]) -> None:
-    """Write a camera file (JSON): whole or not at all, also if several processes of a batch write it."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    with os_errors_as(RecordingError, f"{path}: cannot be written", "Choose another path."):
-        with open_new(draft) as file:
-            file.write((json.dumps(table, indent=1) + "\n").encode())
-        draft.replace(path)
 
 
 _ORDER: list[str] = WORDS["lens"]["brown_conrady"]
@@ -191,12 +178,6 @@ class _Description:
         described = Intrinsics(width=size[0], height=size[1], fx=fx, fy=fy, cx=cx, cy=cy)
         intrinsics = checked_intrinsics(described, self._fail)
         notes = []
-        if self._said.get("rough", ("", False))[1]:
-            notes.append(
-                f"The camera is approximate, from a field of view only (focal length {fx:.0f} and {fy:.0f} "
-                "px, axis in the middle, no distortion). Lengths may be wrong by some percent; calibrate "
-                "the camera before measuring."
-            )
         if not {"width", "size"} & self._said.keys() and not all(
             0.2 < c / n < 0.8 for c, n in zip((cx, cy), size, strict=True)
         ):
@@ -230,8 +211,6 @@ class _Description:
         elif meaning == "model":
             if str(value).lower().replace("_", "") not in WORDS["lens"]["projections"]:
                 self._models[place] = value
-        elif meaning == "rough":
-            self._keep(meaning, place, value is True)
         elif meaning == "scale":
             self._keep(meaning, place, self._units_per_m(place, value, numbers))
         elif numbers is None:

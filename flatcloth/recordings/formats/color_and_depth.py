@@ -17,7 +17,7 @@ _COLOR_FOLDERS = ("color", "rgb", "image", "images")
 _MASK_FOLDERS = ("mask", "masks")
 _COLOR_KINDS = (".png", ".jpg", ".jpeg")
 _MASK_KINDS = (".png",)
-_DEPTH_KINDS = (".png", ".tif", ".tiff", ".exr", ".npy", ".pcd")
+_DEPTH_KINDS = (".png", ".tif", ".tiff", ".npy", ".pcd")
 
 
 def is_color_and_depth(folder: Path) -> bool:

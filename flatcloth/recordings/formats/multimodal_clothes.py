@@ -17,8 +17,8 @@ from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
+from flatcloth.recordings.files.depth_files import read_pcd
 from flatcloth.recordings.files.images import read_header
-from flatcloth.recordings.files.pcd import read_pcd
 from flatcloth.recordings.film.angles import ANGLES_FILE
 from flatcloth.recordings.formats.camera_file import camera_files
 from flatcloth.recordings.formats.image_pairs import recording_of

@@ -18,12 +18,10 @@ import numpy as np
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.recordings.base import Recording, ViewImages
-from flatcloth.recordings.film.angles import SAME_VIEW_DEG, distinct, stops_found
-from flatcloth.recordings.film.averaging import average_color, average_depth
+from flatcloth.recordings.film.angles import SAME_VIEW_DEG, Turning, distinct, read_turning, stops_found
+from flatcloth.recordings.film.recording import average_color, average_depth
 from flatcloth.recordings.film.stillness import Glance, Stop, find_stops, glance
-from flatcloth.recordings.film.turning import Turning, constant_turning, read_turning
-from flatcloth.recordings.realsense.frames import ALIGNMENTS
-from flatcloth.recordings.realsense.player import Pair, RealsensePlayer
+from flatcloth.recordings.realsense.player import ALIGNMENTS, Pair, RealsensePlayer
 
 MOST_FRAMES = 30
 """The number of frames used per stop: the last ones, when the cloth has come to rest."""
@@ -43,13 +41,12 @@ class TurnOptions:
 
     ``align`` is one of ``ALIGNMENTS``. ``step_deg`` is the rotation between two stops or, if the
     angle is known at all times, between views; its sign is the direction of rotation. ``angles`` is a
-    table of times and angles, ``turning_speed_deg_s`` a constant speed.
+    table of times and angles; of a constant speed two lines are enough.
     """
 
     align: str = ALIGNMENTS[0]
     step_deg: float = 10.0
     angles: Path | None = None
-    turning_speed_deg_s: float | None = None
 
 
 _View = tuple[float, ViewImages]
@@ -96,8 +93,6 @@ def open_realsense(
     chosen = options or TurnOptions()
     if not 0.1 <= abs(chosen.step_deg) <= 180:
         raise RecordingError(f"--step {chosen.step_deg:g}: give degrees, 0.1 to 180 (or negative).")
-    if chosen.angles is not None and chosen.turning_speed_deg_s is not None:
-        raise RecordingError("--angles and --turning-speed were given together. Give only one of them.")
     player = RealsensePlayer(path, chosen.align)
     notes = []
     for apart_frames in (0.5, _LOOSE_PAIRING_FRAMES):
@@ -146,9 +141,6 @@ def _look(player: RealsensePlayer, progress: Progress, apart_frames: float) -> _
 
 def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase], str]:
     turning, seconds = None, look.times_s[-1]
-    if options.turning_speed_deg_s is not None:
-        turning = constant_turning(options.turning_speed_deg_s, seconds)
-        return _while_turning(path, look, turning, options.step_deg)
     if options.angles is not None:
         turning = read_turning(options.angles.expanduser(), look.first_clock_s, seconds)
         turned_deg = [turning.during(stop.start_s, stop.end_s)[1] for stop in look.stops]
@@ -158,8 +150,8 @@ def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase]
         return [(0.0, look.times_s)], f"Only {len(look.times_s)} frames, used as one view."
     if not look.stops:
         raise RecordingError(
-            f"{path}: the item never stands still for half a second. Give its rotation: "
-            "--turning-speed DEG_PER_S or --angles FILE.csv."
+            f"{path}: the item never stands still for half a second. Give its rotation, at two times if it "
+            "is even: --angles FILE.csv."
         )
     angles = [
         n * options.step_deg if turning is None else turning.during(stop.start_s, stop.end_s)[0]

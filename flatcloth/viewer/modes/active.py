@@ -13,8 +13,7 @@ from typing import Any
 
 from msgspec import structs
 
-from flatcloth.active.choosing import Next
-from flatcloth.active.ending import End, Waiting
+from flatcloth.active.choosing import End, Next, Waiting
 from flatcloth.active.eye import CameraEye
 from flatcloth.active.goal import Goal, Knowledge, parse_goal
 from flatcloth.active.incoming import SeenView, Taken

@@ -41,16 +41,14 @@ from flatcloth.viewer import auto
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes import repair, session_work
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.modes.diagnostics import diagnostics_routes
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.joints import JointService
 from flatcloth.viewer.modes.other_side import OtherSideController
-from flatcloth.viewer.modes.review import ReviewService
+from flatcloth.viewer.modes.review import ReviewService, diagnostics_routes
 from flatcloth.viewer.modes.session_work import Answer, SessionWork
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.actions import NO_CAMERA
-from flatcloth.viewer.protocol.allowed import command_of
+from flatcloth.viewer.protocol.actions import NO_CAMERA, command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
 from flatcloth.viewer.protocol.snapshot import of_session

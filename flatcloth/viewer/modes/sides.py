@@ -19,8 +19,8 @@ from flatcloth.core.types import Bool, Floats, Int64
 from flatcloth.engine.views import ViewCloud
 from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
+from flatcloth.rendering.pictures import jpeg_thumbnail, small_shape
 from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
-from flatcloth.rendering.thumbnails import jpeg_thumbnail, small_shape
 from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.result import NO_ITEM, Segmentation, ViewSegmentation
 from flatcloth.session.journal import SheetSide

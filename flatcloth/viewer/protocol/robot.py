@@ -5,14 +5,219 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
-from flatcloth.export.formats.documents import Grasp, Matrix4, Written
-from flatcloth.viewer.protocol.messages import MAX_NAME_CHARS, Count, Metres, Pointed
-from flatcloth.viewer.protocol.posted import PostedView
+from flatcloth.active.incoming import SeenView
+from flatcloth.core.types import Float64, Intrinsics, RotationAxis
+from flatcloth.recordings.files.images import is_whole, pixels_of, png_header
+from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG, MAX_NAME_CHARS, Count, Metres, Pointed
+
+MAX_SIDE_PX = 4096
+"""Largest side of a sent image. Chosen: above any depth camera's."""
+
+Angle = Annotated[float, Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
+Near = Annotated[float, Meta(ge=-10.0, le=10.0)]
+Side = Annotated[int, Meta(ge=1, le=MAX_SIDE_PX)]
+Pixels = Annotated[float, Meta(ge=-1e5, le=1e5)]
+Row = tuple[Pixels, Pixels, Pixels]
+
+
+class Image(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """An image: ``png``, or a ``raw`` array in C order with ``shape`` and ``dtype``; both in base64."""
+
+    png: bytes | None = None
+    raw: bytes | None = None
+    shape: Annotated[tuple[Side, ...], Meta(min_length=2, max_length=3)] | None = None
+    dtype: Literal["uint8", "uint16", "float32"] | None = None
+
+
+class Axis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The turning axis in the camera frame: a point (m), and the upward direction."""
+
+    point_m: tuple[Near, Near, Near]
+    direction: tuple[Near, Near, Near]
+
+
+class PostedView(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The body: the angle at which the item stands, and the images, unless flatcloth's camera looks.
+
+    ``number`` is that of the question that it answers. ``K`` is the camera matrix of both images. ``depth``
+    is in units of ``depth_scale_m``, or in metres if its type is float32; 0 where nothing was measured.
+    ``mask`` is above 127 on the side of interest. ``axis`` and ``held_point_m`` count with the first view.
+    """
+
+    angle_deg: Angle
+    number: Annotated[int, Meta(ge=0, le=100_000)] | None = None
+    K: tuple[Row, Row, Row] | None = None
+    color: Image | None = None
+    depth: Image | None = None
+    mask: Image | None = None
+    depth_scale_m: Annotated[float, Meta(ge=1e-6, le=1.0)] = 0.001
+    axis: Axis | None = None
+    held_point_m: tuple[Near, Near, Near] | None = None
+
+    @property
+    def has_images(self) -> bool:
+        """Whether the images are sent, too."""
+        return not (self.color is None and self.depth is None and self.K is None)
+
+    def view(self) -> SeenView:
+        """Return the view.
+
+        Raises
+        ------
+        ValueError
+            If an image is missing, or is no image of its kind; the message says which.
+        """
+        if self.color is None or self.depth is None or self.K is None:
+            raise ValueError("color, depth and K belong together: send all three, or the angle alone.")
+        color = _decoded(self.color, "color", np.uint8, 3)
+        if self.depth.dtype == "float32":
+            depth_m = np.nan_to_num(_decoded(self.depth, "depth", np.float32, 1), posinf=0.0, neginf=0.0)
+        else:
+            depth_m = _decoded(self.depth, "depth", np.uint16, 1) * np.float32(self.depth_scale_m)
+        mask = None if self.mask is None else _decoded(self.mask, "mask", np.uint8, 1) > 127
+        if mask is not None and mask.shape != depth_m.shape:
+            raise ValueError("mask has another size than depth.")
+        return SeenView(
+            angle_deg=self.angle_deg,
+            color=color,
+            depth_m=np.maximum(depth_m, 0.0).astype(np.float32),
+            intrinsics=_camera(self.K, depth_m.shape),
+            mask=mask,
+            axis=None if self.axis is None else _axis(self.axis),
+            held_point_m=None if self.held_point_m is None else np.array(self.held_point_m),
+        )
+
+
+def _camera(matrix: Any, shape: tuple[int, ...]) -> Intrinsics:
+    k: Float64 = np.array(matrix, dtype=np.float64)
+    height, width = shape[:2]
+    if not (k[0, 0] > 0 and k[1, 1] > 0 and np.allclose(k[[0, 1, 2, 2], [1, 0, 0, 1]], 0) and k[2, 2] == 1):
+        raise ValueError("K is no camera matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
+    relative = np.array([k[0, 0], k[1, 1]]) / max(width, height)
+    if not (relative.min() >= 0.1 and relative.max() <= 50.0):
+        raise ValueError(f"K has an impossible focal length for {width}x{height} pixels.")
+    return Intrinsics(
+        width=width, height=height, fx=float(k[0, 0]), fy=float(k[1, 1]), cx=float(k[0, 2]), cy=float(k[1, 2])
+    )
+
+
+def _axis(given: Axis) -> RotationAxis:
+    direction = np.array(given.direction)
+    length = float(np.linalg.norm(direction))
+    if length < 1e-6:
+        raise ValueError("axis.direction is zero.")
+    return RotationAxis(point_m=np.array(given.point_m), direction=direction / length)
+
+
+def _decoded(image: Image, name: str, dtype: type[Any], channels: int) -> NDArray[Any]:
+    """Return the pixels of an image, which must be of this type."""
+    if (image.png is None) == (image.raw is None):
+        raise ValueError(f"{name} needs one of png and raw, in base64.")
+    if image.png is not None:
+        return _from_png(image.png, name, dtype, channels)
+    assert image.raw is not None
+    wanted = np.dtype(dtype).name
+    last = () if channels == 1 else (channels,)
+    if image.dtype != wanted or image.shape is None or image.shape[2:] != last:
+        raise ValueError(f"{name} must be {wanted} with {channels} channel(s), and name shape and dtype.")
+    size = int(np.prod(image.shape)) * np.dtype(dtype).itemsize
+    if len(image.raw) != size:
+        raise ValueError(f"{name} has {len(image.raw)} bytes, its shape and dtype need {size}.")
+    return np.frombuffer(image.raw, dtype=dtype).reshape(image.shape).copy()
+
+
+def _from_png(data: bytes, name: str, dtype: type[Any], channels: int) -> NDArray[Any]:
+    import cv2
+
+    header, bits = png_header(data), 8 * np.dtype(dtype).itemsize
+    if header is None or not is_whole(data):
+        raise ValueError(f"{name} is no whole PNG.")
+    if not (0 < header.width <= MAX_SIDE_PX and 0 < header.height <= MAX_SIDE_PX):
+        raise ValueError(f"{name} is {header.width}x{header.height} pixels; the limit is {MAX_SIDE_PX}.")
+    if (header.bits, header.channels) != (bits, channels):
+        raise ValueError(f"{name} must be a PNG of {bits} bits, {'RGB' if channels == 3 else 'grey'}.")
+    # Without the transparency of a palette, or of one color.
+    flags = cv2.IMREAD_COLOR if channels == 3 else cv2.IMREAD_UNCHANGED
+    pixels = pixels_of(data, flags | cv2.IMREAD_IGNORE_ORIENTATION, dtype)
+    if pixels is None:
+        raise ValueError(f"{name} cannot be decoded.")
+    return np.ascontiguousarray(pixels[..., ::-1]) if channels == 3 else pixels
+
 
 PROTOCOL: Literal["flatcloth-robot/1"] = "flatcloth-robot/1"
 """The number grows with a change that a client must know; fields may be added without."""
+
+
+_XYZ = tuple[float | None, float | None, float | None]
+"""Metres, or a unit vector; None: unknown."""
+Matrix4 = tuple[
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+]
+"""The four rows of a rigid motion, metres."""
+
+
+class Written(msgspec.Struct, frozen=True, kw_only=True):
+    """What is sent to robots; a grasp is as ``grasps.json`` has it."""
+
+
+class FlattenedPlace(Written, frozen=True):
+    """The pixel of a flattened file that is nearest to a point, and its distance in space."""
+
+    file: str
+    row: int
+    col: int
+    uv_m: tuple[float | None, float | None]
+    distance_m: float | None
+
+
+class GripEntry(Written, frozen=True):
+    """How a parallel gripper takes the cloth: approach and axis are unit vectors in the object frame."""
+
+    approach: _XYZ
+    axis: _XYZ
+    axis_from: str
+    opening_m: float | None
+    outline_distance_m: float | None
+
+
+class UncertaintyEntry(Written, frozen=True):
+    """Standard deviations of a grasp pose."""
+
+    position_m: float | None
+    normal_deg: float | None
+    axis_deg: float | None
+    placement_m: float | None
+
+
+class PoseEntry(Written, frozen=True):
+    """A rigid pose in one frame."""
+
+    position_m: _XYZ
+    quaternion_wxyz: tuple[float | None, float | None, float | None, float | None]
+    matrix: Matrix4
+
+
+class Grasp(Written, frozen=True):
+    """A pick or a named point, with its pose in the frames ``held``, ``camera`` and, if known, ``base``."""
+
+    id: int
+    name: str
+    side: Literal["this", "other"]
+    position_m: _XYZ
+    normal: _XYZ
+    view_index: int
+    source_rc: tuple[float | None, float | None]
+    grip: GripEntry | None
+    poses: dict[Literal["held", "camera", "base"], PoseEntry] | None
+    flattened: FlattenedPlace | None = None
+    uncertainty: UncertaintyEntry | None = None
 
 
 class Hello(Written, tag_field="type", tag="hello", frozen=True):

@@ -16,9 +16,8 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.active.service import ActiveService
 from flatcloth.viewer import http
-from flatcloth.viewer.protocol.posted import PostedView
-from flatcloth.viewer.protocol.robot import RobotEvent, ShapeChanged
-from flatcloth.viewer.routes.robot_answers import Shown, Told, news
+from flatcloth.viewer.protocol.robot import PostedView, RobotEvent, ShapeChanged
+from flatcloth.viewer.routes.robot import Shown, Told, news
 
 MAX_BODY_BYTES = 32 * 2**20
 """Limit of a view's body. Chosen: raw color and depth of 1920 x 1080 pixels take 14 MB in base64."""

@@ -1,21 +1,38 @@
-"""The pictures of the page: layers, the proposal, differences; encoded on first request."""
+"""The pictures of the page: layers, the proposal, differences, source images, findings; made on request."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
+from flatcloth.checking.check import checked
+from flatcloth.checking.findings import Check
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Bool, Floats, RgbdFrame, Uint8
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.results.pixel_states import pixel_states
+from flatcloth.engine.warmup import wait_until_compiled
+from flatcloth.flattening.surface import item_mask
+from flatcloth.grasping.visibility import Visibility, visibility_in
+from flatcloth.recordings.base import source_options
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
+from flatcloth.rendering.drawing import data_url, png_of
+from flatcloth.rendering.evidence import evidence
 from flatcloth.rendering.layers import Appearance, Difference
+from flatcloth.rendering.pictures import jpeg
+from flatcloth.rendering.sides import state_legend, state_rgba
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
+from flatcloth.viewer.protocol.answers import SeenView, SeenViews
+from flatcloth.viewer.protocol.picture import place_in_view
 
 PICTURES_KEPT = 12
 """Pictures that are kept. Chosen: all layers of one state."""
@@ -99,3 +116,155 @@ def appearance_of(query: Mapping[str, str]) -> Appearance:
         except ValueError:
             shares.append(math.nan)
     return Appearance(query.get("map"), shares[0], shares[1])
+
+
+# --- source images --------------------------------------------------------------------------------
+
+THUMB_PX = 72
+"""Height of a thumbnail in the list of views. Chosen."""
+IMAGES_KEPT = 16
+"""Images that are kept. Chosen."""
+_GONE = "There is no such picture, or it is no longer shown; a newer state follows."
+_SHADE = 150
+"""Opacity of the shade on pixels off the item, of 255."""
+_EDGE = (255, 210, 60, 255)
+"""Color of the edge. Chosen."""
+
+
+def source_routes(page: PageController) -> list[BaseRoute]:
+    """Return the routes of the source images, and of the views that saw a pick of a page."""
+    integration = page.integration
+    kept: Cache[Any] = Cache(IMAGES_KEPT)
+
+    def axis_key() -> bytes:
+        return integration.axis.point_m.tobytes() + integration.axis.direction.tobytes()
+
+    def image(request: Request, kind: str, make: Callable[[RgbdFrame], bytes]) -> bytes:
+        view = request.path_params["view"]
+        if view >= len(integration.recording):
+            raise http.RefusedError(f"View {view} does not exist.", 404)
+        made: bytes = kept.get((kind, view, axis_key()), lambda: make(integration.views.frame(view)))
+        return made
+
+    def color(request: Request) -> bytes:
+        return image(request, "color", lambda frame: jpeg(frame.color))
+
+    def mask(request: Request) -> bytes:
+        axis, config = integration.axis, integration.config.surface
+        return image(request, "mask", lambda frame: layers.png(mask_rgba(item_mask(frame, axis, config))))
+
+    def states(request: Request) -> Any:
+        view, revision, kind = (request.path_params[name] for name in ("view", "revision", "kind"))
+        picture = page.picture
+        document = None if picture is None or picture.revision != revision else picture.document
+        if document is None or view >= len(integration.recording) or kind not in ("png", "json"):
+            return None
+        key = "states", view, revision, axis_key()
+        found = kept.get(key, lambda: pixel_states(integration, document, view))
+        if kind == "json":
+            return state_legend(found.states, found.is_missing)
+        return layers.png(state_rgba(found.states, found.is_missing))
+
+    def seen(request: Request) -> Any:
+        number = request.path_params["pick"]
+        pick = next((p for p in page.picks if p.id == number), None)
+        if pick is None:
+            raise http.RefusedError(f"Pick {number} is no longer in the list.", 404)
+        position, normal = pick.position_held_m, pick.normal_held
+        key = "seen", number, position.tobytes(), axis_key()
+        return kept.get(key, lambda: views_that_saw(integration, position, normal))
+
+    return [
+        http.get("/source/{view:int}/color.jpg", color, "image/jpeg"),
+        http.get("/source/{view:int}/mask.png", mask),
+        http.get("/source/{view:int}/states-{revision:int}.{kind}", states, gone=_GONE),
+        http.get("/source/seen/{pick:int}.json", seen),
+    ]
+
+
+def views_that_saw(integration: Integration, position_held_m: Floats, normal_held: Floats) -> SeenViews:
+    """Return the views that saw a point, each with pixel and picture, and the number of others.
+
+    Notes
+    -----
+    Only views that may have seen the point are read: about half of a turn, 10 ms each at 480x848 px.
+    """
+    seen, hidden = [], dict.fromkeys((s.value for s in Visibility if s is not Visibility.SEEN), 0)
+    for view, angle_deg in enumerate(integration.recording.angles_deg):
+        place = place_in_view(integration, view, position_held_m, normal_held)
+        visibility = place.visibility
+        if visibility is Visibility.SEEN:
+            frame = integration.views.frame(view)
+            visibility = visibility_in(frame, place)
+        if visibility is Visibility.SEEN:
+            seen.append(
+                SeenView(
+                    view_index=view,
+                    angle_deg=angle_deg,
+                    rc=(round(float(place.row), 1), round(float(place.col), 1)),
+                    thumb=data_url(jpeg(crop(frame.color, place.row, place.col)), "image/jpeg"),
+                )
+            )
+        else:
+            hidden[visibility.value] += 1
+    return SeenViews(seen=seen, n_views=len(integration.recording), hidden=hidden)
+
+
+def crop(color: Uint8, row: float, col: float, size_px: int = THUMB_PX) -> Uint8:
+    """Return the square (size, size, 3) around a pixel of an image, grey beyond its border."""
+    out: Uint8 = np.full((size_px, size_px, 3), 128, dtype=np.uint8)
+    top, left = round(row) - size_px // 2, round(col) - size_px // 2
+    r0, c0 = max(top, 0), max(left, 0)
+    part = color[r0 : max(top + size_px, 0), c0 : max(left + size_px, 0)]
+    out[r0 - top : r0 - top + part.shape[0], c0 - left : c0 - left + part.shape[1]] = part
+    return out
+
+
+def mask_rgba(item: Bool) -> Uint8:
+    """Return the overlay (H, W, 4) of a source image: dark off the item, with a bright outline."""
+    import cv2
+
+    filled = item.astype(np.uint8)
+    edge = cv2.dilate(filled, np.ones((3, 3), dtype=np.uint8)) - filled
+    image = np.zeros((*item.shape, 4), dtype=np.uint8)
+    image[~item, 3] = _SHADE
+    image[edge > 0] = _EDGE
+    return image
+
+
+# --- the check of the recording -------------------------------------------------------------------
+
+FINDINGS_KEPT = 8
+"""Pictures that are kept. Chosen: more findings at once are rare."""
+
+
+def check_routes(page: PageController) -> list[BaseRoute]:
+    """Return ``GET /check.json`` and ``GET /check/{finding}.png``; the first request makes the check."""
+    recording, views = page.integration.recording, page.integration.views
+    pictures: Cache[bytes | None] = Cache(FINDINGS_KEPT)
+
+    one_at_a_time = threading.Lock()
+
+    def made() -> Check:
+        with one_at_a_time:
+            wait_until_compiled()
+            return checked(recording, views.recorded)
+
+    def findings(_request: Request) -> dict[str, Any]:
+        as_recorded = bool(source_options(recording).get("as_recorded"))
+        check = Check() if as_recorded else made()
+        return {"as_recorded": as_recorded, **check.to_dict()}
+
+    def picture(request: Request) -> bytes | None:
+        number, found = request.path_params["finding"], made().findings
+
+        def drawn() -> bytes | None:
+            image = evidence(recording, found[number])
+            return None if image is None else png_of(image)
+
+        return pictures.get((number, found), drawn) if number < len(found) else None
+
+    return [
+        http.get("/check.json", findings),
+        http.get("/check/{finding:int}.png", picture, gone="There is no such finding."),
+    ]

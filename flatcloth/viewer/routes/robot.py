@@ -4,20 +4,241 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable, Iterable
+import threading
+from collections.abc import Awaitable, Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
 
 import msgspec
+from msgspec import structs
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+import flatcloth
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.export.garment import garment_document
+from flatcloth.garments.recognition import NONE
+from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
+from flatcloth.session.document import Document
 from flatcloth.viewer import http
-from flatcloth.viewer.protocol.robot import ProposedPick, RobotEvent, schema
-from flatcloth.viewer.protocol.sent import encoded
-from flatcloth.viewer.routes.robot_answers import RobotAnswers, Told
+from flatcloth.viewer.modes.controller import PageController
+from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.protocol.robot import (
+    PROTOCOL,
+    Grasp,
+    Hello,
+    PickChanged,
+    PickDeleted,
+    PointsChanged,
+    ProposedPick,
+    RobotEvent,
+    ShapeChanged,
+    schema,
+)
+from flatcloth.viewer.protocol.sent import encoded, typed
+
+_ROTATIONS_KEPT = 16
+"""Most rotations for which the poses are kept. Chosen: more than robots listen at once; it bounds memory."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shown:
+    """What robots receive: a shape, and the document of ``grasps.json`` at one rotation."""
+
+    shape: ShapeChanged
+    document: dict[str, Any]
+    is_recognised: bool
+    kind: str | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Present(Shown):
+    """What the page shows to robots."""
+
+    picture: Picture
+
+
+@dataclass
+class Told:
+    """What one client received last; the events that it misses follow from it."""
+
+    rotation_deg: float | None = None
+    greeted: bool = False
+    shown: Shown | None = None
+    shape: ShapeChanged | None = None
+    points: tuple[int, str | None, list[Grasp]] | None = None
+    grasps: dict[int, Grasp] = field(default_factory=dict)
+
+
+class RobotAnswers:
+    """Answers robots from what the page shows; its methods may take a second, and are safe for threads.
+
+    Parameters
+    ----------
+    page : PageController
+        The page.
+    base_from_camera : Rigid3, optional
+        The hand-eye transform; with it, poses are also given in the frame of the robot.
+    """
+
+    def __init__(self, page: PageController, base_from_camera: Rigid3 | None = None) -> None:
+        self.page, self.base_from_camera = page, base_from_camera
+        self._lock = threading.Lock()
+        self._made_of: tuple[Any, ...] = ()
+        self._kept: dict[float | None, Present] = {}
+
+    def shape(self) -> dict[str, Any]:
+        """Return the shape with its garment, or the reason why there is none."""
+        picture, document = self.picture()
+        known = self.page.garments.known(document)
+        about = self._shape_of(picture, document)
+        shape = {
+            "protocol": PROTOCOL,
+            "recording": self.page.integration.recording.name,
+            **structs.asdict(about),
+        }
+        if isinstance(known, str):
+            return {**shape, "garment": None, "reason": known}
+        sides = None if picture.other is None else picture.other.sides
+        return {**shape, "garment": garment_document(known, sides)}
+
+    def grasps(self, rotation_deg: float | None = None) -> dict[str, Any]:
+        """Return the document of ``grasps.json`` at a rotation, by default that of the shown view."""
+        self.picture()  # refused while nothing is flattened
+        return self.page.grasps(self.base_from_camera, rotation_deg=rotation_deg)
+
+    def propose(self, pick: ProposedPick, rotation_deg: float | None = None) -> dict[str, Any]:
+        """Add the pick that a robot proposes, and return its grasp.
+
+        Raises
+        ------
+        FlatclothError
+            If it has no place, or not exactly one, on the shown shape; or another shape is shown.
+        """
+        self.picture()
+        given = [place for place in (pick.uv_m, pick.position_m) if place is not None]
+        if len(given) + (pick.point is not None) != 1:
+            raise FlatclothError("A pick needs one of point, uv_m and position_m.")
+        place = given[0] if given else self._named(str(pick.point))
+        number = self.page.propose_pick(place, pick.name or pick.point or "", pick.revision)
+        document = self.grasps(rotation_deg)
+        found = [grasp for grasp in document["grasps"] if grasp["id"] == number]
+        if not found:
+            raise FlatclothError("The operator deleted this pick.")
+        return {"grasp": found[0], **_frames(document)}
+
+    def _named(self, name: str) -> tuple[float, ...]:
+        points = {point.name: point for point in self.page.named_points()}
+        if name not in points:
+            seen = ", ".join(points) or "none"
+            raise FlatclothError(f"No view saw a point {name!r:.80}; seen are: {seen}.")
+        return tuple(map(float, points[name].position_held_m))
+
+    def events(self, told: Told) -> Iterator[RobotEvent]:
+        """Yield the events that a client misses, and note that they are sent."""
+        yield from news(told, self.page.integration.recording.name, self.present(told.rotation_deg))
+
+    def present(self, rotation_deg: float | None) -> Present | None:
+        """Return what the page shows, None before the first shape; kept for all robots until it changes."""
+        page = self.page
+        picture, known = page.picture, page.garments.last
+        if picture is None or picture.document is None:
+            return None
+        made_of = picture, page.picks, self.page.integration.axis, dict(page.grips), known
+        with self._lock:
+            if not _same(self._made_of, made_of) or len(self._kept) >= _ROTATIONS_KEPT:
+                self._made_of, self._kept = made_of, {}
+            if rotation_deg not in self._kept:
+                self._kept[rotation_deg] = self._presented(picture, picture.document, known, rotation_deg)
+            return self._kept[rotation_deg]
+
+    def _presented(
+        self, picture: Picture, document: Document, known: KnownGarment | None, rotation_deg: float | None
+    ) -> Present:
+        """Return what a picture shows; the garment only once the page has recognised it."""
+        canonical = None if picture.sheet is None else picture.sheet.canonical
+        if known is not None and (canonical is None or not known.is_of(canonical)):
+            known = None
+        grasps = self.page.grasps(
+            self.base_from_camera, with_garment=known is not None, rotation_deg=rotation_deg
+        )
+        return Present(
+            picture=picture,
+            shape=self._shape_of(picture, document),
+            document=grasps,
+            is_recognised=known is not None,
+            kind=None if known is None or known.found.kind == NONE else known.found.kind,
+        )
+
+    def picture(self) -> tuple[Picture, Document]:
+        """Return the shown picture, and its document.
+
+        Raises
+        ------
+        FlatclothError
+            If nothing is flattened yet.
+        """
+        picture = self.page.picture
+        if picture is None or picture.document is None:
+            raise FlatclothError("Nothing is flattened yet; step first.")
+        return picture, picture.document
+
+    def _shape_of(self, picture: Picture, document: Document) -> ShapeChanged:
+        area_m2 = picture.view.area_m2 if picture.sheet is None else picture.sheet.shape_m2
+        return ShapeChanged(
+            revision=picture.revision,
+            views=sorted(document.used_views),
+            area_cm2=round(1e4 * area_m2, 1),
+            rotation_deg=picture.angle_deg,
+        )
+
+
+def news(told: Told, recording: str, shown: Shown | None) -> Iterator[RobotEvent]:
+    """Yield the events about the shown shape that a client misses, and note that they are sent."""
+    if not told.greeted:
+        told.greeted = True
+        yield Hello(protocol=PROTOCOL, flatcloth=flatcloth.__version__, recording=recording)
+    if shown is None or shown is told.shown:
+        return
+    told.shown, document = shown, shown.document
+    if shown.shape != told.shape:
+        told.shape = shown.shape
+        yield shown.shape
+    yield from _new_picks(told, document)
+    points = typed(document["garment_points"], list[Grasp])
+    found = shown.shape.revision, shown.kind, points
+    if shown.is_recognised and told.points != found:
+        told.points = found
+        revision, kind, _ = found
+        yield PointsChanged(revision=revision, kind=kind, points=points, **_frames(document))
+
+
+def _new_picks(told: Told, document: dict[str, Any]) -> Iterator[PickChanged | PickDeleted]:
+    grasps = {grasp["id"]: typed(grasp, Grasp) for grasp in document["grasps"]}
+    for number, grasp in grasps.items():
+        if told.grasps.get(number) != grasp:
+            told.grasps[number] = grasp
+            yield PickChanged(grasp=grasp, **_frames(document))
+    for number in [each for each in told.grasps if each not in grasps]:
+        del told.grasps[number]
+        yield PickDeleted(id=number)
+
+
+def _frames(document: dict[str, Any]) -> dict[str, Any]:
+    return {"rotation_deg": document["rotation_deg"], BASE_FROM_CAMERA: document[BASE_FROM_CAMERA]}
+
+
+def _same(before: tuple[Any, ...], now: tuple[Any, ...]) -> bool:
+    """Say whether the parts are the same objects; mappings are compared by their content."""
+    return len(before) == len(now) and all(
+        a == b if isinstance(b, dict) else a is b for a, b in zip(before, now, strict=True)
+    )
+
 
 POLL_S = 0.1
 """Interval between checks for new events. Chosen."""

@@ -150,6 +150,6 @@ def first_picture(source: str) -> bytes:
         If it cannot be read.
     """
     from flatcloth.recordings import open_recording
-    from flatcloth.rendering.thumbnails import fitted, jpeg
+    from flatcloth.rendering.pictures import fitted, jpeg
 
     return jpeg(fitted(open_recording(source)[0].color, (PICTURE_PX, PICTURE_PX)))

@@ -17,8 +17,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from flatcloth.batch.report import report_html, view_arguments
-from flatcloth.batch.review import decide
+from flatcloth.batch.report import decide, report_html, view_arguments
 from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.http import REFUSALS, RefusedError, read_body

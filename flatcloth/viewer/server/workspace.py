@@ -34,13 +34,10 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.active import active_routes
 from flatcloth.viewer.routes.capture import capture_routes
-from flatcloth.viewer.routes.check import check_routes
 from flatcloth.viewer.routes.exports import ExportRoutes
-from flatcloth.viewer.routes.layers import layer_routes
-from flatcloth.viewer.routes.robot import robot_routes
-from flatcloth.viewer.routes.robot_answers import RobotAnswers
+from flatcloth.viewer.routes.layers import check_routes, layer_routes, source_routes
+from flatcloth.viewer.routes.robot import RobotAnswers, robot_routes
 from flatcloth.viewer.routes.rosbridge import RosBridge
-from flatcloth.viewer.routes.sources import source_routes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.relay import relay
 
@@ -120,7 +117,7 @@ class Workspace:
         recording = self.integration.recording
         if self.has_camera:
             raise FlatclothError("A camera has no mends; open the recording that was captured.")
-        options = SourceOptions.from_dict(source_options(recording), "the session").again()
+        options = SourceOptions.from_dict(source_options(recording), "the session")
         more = (options.mends or Mends()).then(mends)
         return Chosen("folder", recording.location, options=replace(options, mends=more))
 
