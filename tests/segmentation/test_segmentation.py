@@ -14,7 +14,7 @@ from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
 from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.item import find_item
-from flatcloth.segmentation.observed import gather_evidence, observe
+from flatcloth.segmentation.observed import gather_evidence
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, OTHER
 from flatcloth.segmentation.solver import SideSolver
 
@@ -23,7 +23,7 @@ MIDDLE = ((119.0, 119.0),)
 
 
 def solver_of(views, **how):
-    return SideSolver(observe(gather_evidence([view.frame for view in views], AXIS, TOP_M, Config(), **how)))
+    return SideSolver(gather_evidence([view.frame for view in views], AXIS, TOP_M, Config(), **how))
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +233,7 @@ def test_noise_like_a_sensors_does_not_mix_the_layers():
 
 def test_what_does_not_turn_and_what_lies_above_the_held_point_is_cut_off_and_told():
     views = plate(still_box=True, gripper=True)
-    observed = observe(gather_evidence([view.frame for view in views], AXIS, TOP_M, Config()))
+    observed = gather_evidence([view.frame for view in views], AXIS, TOP_M, Config())
     kinds = {cut.kind for cut in observed.cut_off}
     assert "gripper" in kinds
     for n, view in enumerate(views):
@@ -279,13 +279,13 @@ def test_background_is_told_with_its_area():
 def test_two_items_side_by_side_are_refused():
     views = plate(beside_m=0.19)
     with pytest.raises(SegmentationError, match=r"View \d+: two items hang side by side"):
-        observe(gather_evidence([view.frame for view in views], AXIS, TOP_M, Config()))
+        gather_evidence([view.frame for view in views], AXIS, TOP_M, Config())
 
 
 def test_an_empty_foreground_is_refused():
     empty = [replace(view.frame, depth_m=np.zeros_like(view.frame.depth_m)) for view in VIEWS[:2]]
     with pytest.raises(SegmentationError, match="the foreground is empty"):
-        observe(gather_evidence(empty, AXIS, TOP_M, Config()))
+        gather_evidence(empty, AXIS, TOP_M, Config())
 
 
 def test_one_view_is_enough():
