@@ -16,11 +16,6 @@ from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.relations import SignedGraph
 from flatcloth.segmentation.settings import SegmentationConfig
 
-_ROUNDING = 1.0 / 12.0
-"""Variance of a color that is rounded to whole numbers. By definition."""
-_LEAST_VARIANCE = 1e-3
-"""Least share of the variance within a side; only against a division by zero."""
-
 
 def averaged(graph: SignedGraph, values: Float64, times: int) -> Float64:
     """Return values (M, K), repeatedly averaged with those of the neighbours on the same side."""
@@ -38,25 +33,14 @@ def alike_in_color(
 ) -> tuple[Float64, float]:
     """Return the evidence (M,) that a cluster lies on the one side, positive, or the other, by its color.
 
-    The second number is the probability that the colors of the sides differ; if they do not, there is no such
-    evidence.
-
-    Parameters
-    ----------
-    clusters : Clusters
-        Surface of all views.
-    graph : SignedGraph
-        The evidence; negative edges are layers back to back.
-    chroma : (M, 2) float64
-        Mean color without the lightness, CIE a* and b*: both sides are lit differently.
-    config : SegmentationConfig
-        The most evidence of a cluster, and the distance over which errors, and prints, are alike.
+    The second number is the probability that the colors of the sides differ at all. ``chroma`` (M, 2) are the
+    colors without the lightness, CIE a* and b*: both sides are lit differently.
 
     Notes
     -----
-    How far the colors of both sides lie apart follows from the correlation of the colors of a pair. The
-    probability is that of two models by Schwarz (1978); pairs within the distance of the configuration count
-    once.
+    How far the colors of both sides lie apart follows from the correlation of the colors of a pair back to
+    back. The probability is that of two models by Schwarz (1978); pairs within ``disturbance_m``, over which
+    errors and prints are alike, count once.
     """
     pairs = graph.weight < 0
     a, b, weight = graph.first[pairs], graph.second[pairs], -graph.weight[pairs]
@@ -69,9 +53,9 @@ def alike_in_color(
     difference = color[a] - color[b]
     apart = (share * difference.T) @ difference
     spread = 0.5 * ((share * color[a].T) @ color[a] + (share * color[b].T) @ color[b])
-    found, directions = eigh(apart, spread + _ROUNDING * np.eye(2))
-    correlation = float(np.clip(1.0 - 0.5 * found[-1], -1.0, 0.0))
-    within = max(1.0 + correlation, _LEAST_VARIANCE)
+    found, directions = eigh(apart, spread + np.eye(2) / 12.0)  # colors are whole numbers
+    correlation = min(1.0 - 0.5 * float(found[-1]), 0.0)
+    within = 1.0 + correlation
     cell = np.floor(clusters.place_m[a] / config.disturbance_m).astype(np.int64)
     shares = np.bincount(np.unique(cell, axis=0, return_inverse=True)[1].ravel(), share)
     count = 1.0 / float((shares**2).sum())
