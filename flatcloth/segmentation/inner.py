@@ -45,7 +45,10 @@ def inner_faces(
     config : SegmentationConfig
         Sizes.
     """
-    thickness_m, weight = thicknesses(clusters, config)
+    a, b, depth_m, sure = back_to_back(clusters, config.near_m, config)
+    ends = np.append(a, b)
+    weight = np.bincount(ends, np.tile(sure, 2), clusters.count).astype(np.float64)
+    thickness_m = np.bincount(ends, np.tile(sure * depth_m, 2), clusters.count) / np.maximum(weight, 1e-12)
     known = weight > 0.0
     two_layers_m = float(np.percentile(thickness_m[known], _TWO_LAYERS)) if known.any() else 0.0
     if two_layers_m < NOISELESS_STD_M:  # one layer: a towel
@@ -57,13 +60,3 @@ def inner_faces(
     face = graph.components((graph.weight > 0) & inner[graph.first] & inner[graph.second])
     inner &= np.bincount(face)[face] >= config.least_region
     return np.where(inner, face, -1).astype(np.int64)
-
-
-def thicknesses(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Float64]:
-    """Return the distance (M,) of each cluster to the surface at its back, m, and its weight."""
-    a, b, depth, sure = back_to_back(clusters, config.near_m, config)
-    ends = np.concatenate([a, b])
-    weight = np.bincount(ends, np.tile(sure, 2), clusters.count).astype(np.float64)
-    total = np.bincount(ends, np.tile(sure * depth, 2), clusters.count)
-    thickness_m: Float64 = total / np.maximum(weight, 1e-12)
-    return thickness_m, weight

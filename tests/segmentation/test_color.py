@@ -1,6 +1,4 @@
-"""What colors tell of the sides, where layers lie back to back."""
-
-from __future__ import annotations
+"""What colors tell of the sides of a long strip of cloth: two layers, back to back."""
 
 import numpy as np
 import pytest
@@ -10,51 +8,31 @@ from flatcloth.segmentation.color import alike_in_color
 from flatcloth.segmentation.relations import SignedGraph
 from flatcloth.segmentation.settings import SegmentationConfig
 
-SIDE, STEP_M = 60, 0.006
-
-
-def plate(opposite=-0.8):
-    """A plate of 36 x 36 cm: clusters of its front, and of its back behind them."""
-    row, col = np.mgrid[:SIDE, :SIDE]
-    front = np.stack([STEP_M * col, STEP_M * row, np.zeros((SIDE, SIDE))], axis=-1).reshape(-1, 3)
-    count, links = SIDE * SIDE, []
-    for number in (np.arange(count).reshape(SIDE, SIDE), count + np.arange(count).reshape(SIDE, SIDE)):
-        links += [(number[:, :-1], number[:, 1:], 0.9), (number[:-1], number[1:], 0.9)]
-    links.append((np.arange(count), np.arange(count, 2 * count), opposite))
-    first, second = (np.concatenate([link[n].ravel() for link in links]) for n in (0, 1))
-    weight = np.concatenate([np.full(link[0].size, link[2]) for link in links])
-    clusters = Clusters(
-        place_m=np.concatenate([front, front + np.array([0.0, 0.0, 0.002])]), normal=np.zeros((2 * count, 3)),
-        pixels=np.ones(2 * count, np.int64), facing=np.ones(2 * count), area_m2=np.ones(2 * count),
-        of_pixel=np.empty(0, np.int32),
-    )  # fmt: skip
-    return clusters, SignedGraph(count=2 * count, first=first, second=second, weight=weight)
+FRONT = np.arange(600)
+BACK = FRONT + 600
 
 
 def of_color(apart, print_px=3, opposite=-0.8):
-    clusters, graph = plate(opposite)
-    random = np.random.default_rng(0)
-    pattern = random.normal(128.0, 6.0, (2, SIDE // print_px, SIDE // print_px, 2))
-    chroma = pattern.repeat(print_px, axis=1).repeat(print_px, axis=2).reshape(-1, 2)
-    chroma[: SIDE * SIDE] += apart
+    """Evidence by a print, this many clusters wide, that is so far off the other panel's in b*."""
+    pairs = np.concatenate([np.stack([each[:-1], each[1:]]) for each in (FRONT, BACK)], axis=1)
+    weight = np.append(np.full(len(pairs[0]), 0.9), np.full(600, opposite))
+    first, second = np.concatenate([pairs, [FRONT, BACK]], axis=1)
+    place, one = 0.006 * np.tile(FRONT, 2)[:, None] * [1.0, 0.0, 0.0], np.ones(1200)
+    clusters = Clusters(place_m=place, normal=place, pixels=one, facing=one, area_m2=one, of_pixel=one)
+    chroma = np.random.default_rng(0).normal(128.0, 4.0, (1200 // print_px, 2)).repeat(print_px, axis=0)
+    chroma[FRONT, 1] += apart
+    graph = SignedGraph(count=1200, first=first, second=second, weight=weight)
     return alike_in_color(clusters, graph, chroma, SegmentationConfig())
 
 
-def test_panels_of_other_colors_are_told_apart_and_by_evidence_that_is_bounded():
-    evidence, probability = of_color(apart=(0.0, 8.0))
-    front, back = np.split(np.sign(evidence[0]) * evidence, 2)
+def test_panels_of_other_colors_are_told_apart():
+    evidence, probability = of_color(8.0)
+    evidence *= np.sign(evidence[0])
     assert probability > 0.99
-    assert (front > 0).mean() > 0.98
-    assert (back < 0).mean() > 0.98
-    assert np.abs(evidence).max() <= SegmentationConfig().color_evidence
+    assert (evidence[FRONT] > 0).mean() > 0.98
+    assert (evidence[BACK] < 0).mean() > 0.98
 
 
-@pytest.mark.parametrize("print_px", [1, 3, 10])
-def test_a_print_that_is_the_same_on_both_panels_says_nothing(print_px):
-    assert of_color(apart=(0.0, 0.0), print_px=print_px)[1] < 0.5
-
-
-def test_where_no_layers_lie_back_to_back_colors_say_nothing():
-    evidence, probability = of_color(apart=(0.0, 8.0), opposite=0.0)
-    assert not evidence.any()
-    assert probability == 0.0
+@pytest.mark.parametrize(("print_px", "opposite"), [(1, -0.8), (3, -0.8), (10, -0.8), (3, 0.0)])
+def test_the_same_print_on_both_panels_or_no_layers_back_to_back_say_nothing(print_px, opposite):
+    assert of_color(0.0, print_px, opposite)[1] < 0.5
