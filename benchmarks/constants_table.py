@@ -40,7 +40,7 @@ KEPT_FOR = {
     "finds wrong poses and turns (`python -m benchmarks mistakes`)": ("_LOOK", "_LEAST_POINTS"),
     "serves an operator: scores, points placed by hand, strokes (docs/tried.md)": (
         "CONFIDENCE_WEIGHTS", "_REFINE_RADIUS_M", "HELD_STD_M",
-        "LEAST_AREA_M2", "SegmentationConfig.cluster_evidence",
+        "LEAST_AREA_M2",
     ),
     "concerns false links, which these recordings do not have (`python -m benchmarks accuracy`)": (
         "WEAK_EVIDENCE", "LEAST_CORE", "LEAST_EVIDENCE", "MOST_CUT_EVIDENCE", "MOST_CONTRADICTION",

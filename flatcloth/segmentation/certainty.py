@@ -9,7 +9,7 @@ import numpy as np
 from flatcloth.core.types import Float32, Float64
 from flatcloth.segmentation.clusters import Clusters
 
-CALIBRATION = (-0.78, 1.18, 0.51, 0.06)
+CALIBRATION = (-0.70, 0.96, 0.41, -0.05)
 """Logistic regression of whether a side is right: constant, log odds of the agreement of the divisions,
 logarithm of the pixels (base 10) and facing. Learned by ``python -m benchmarks segmentation``."""
 

@@ -53,7 +53,7 @@ def alike_in_color(
     difference = color[a] - color[b]
     apart = (share * difference.T) @ difference
     spread = 0.5 * ((share * color[a].T) @ color[a] + (share * color[b].T) @ color[b])
-    found, directions = eigh(apart, spread + np.eye(2) / 12.0)  # colors are whole numbers
+    found, directions = eigh(apart, spread + np.eye(2) / 12)  # colors are whole numbers
     correlation = min(1.0 - 0.5 * float(found[-1]), 0.0)
     within = 1.0 + correlation
     cell = np.floor(clusters.place_m[a] / config.disturbance_m).astype(np.int64)
@@ -62,4 +62,5 @@ def alike_in_color(
     odds = -0.5 * count * np.log(within * (1.0 - correlation)) - np.log(count)
     position = color @ directions[:, -1]
     sure = np.tanh(np.sqrt(-correlation) * position / within)
-    return config.color_evidence * sure, 1.0 / (1.0 + float(np.exp(-odds)))
+    # As much cloth as is alike in color counts as one link.
+    return config.cluster_m / config.disturbance_m * sure, 1.0 / (1.0 + float(np.exp(-odds)))

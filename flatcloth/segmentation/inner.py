@@ -24,9 +24,6 @@ _ONE_LAYER = 0.75
 """Cloth thinner than this share of two layers is one layer. By definition: half way from one to two."""
 _AROUND = 12
 """Iterations of averaging with the neighbours. Chosen: this covers about 2 cm."""
-_IN_SHADE = 0.85
-"""An inner face is darker than this share of the garment's median lightness. Chosen on the shared recordings:
-.8 to .9 leave as many of them within 3 % of the wrong side."""
 
 
 def inner_faces(
@@ -56,7 +53,7 @@ def inner_faces(
     thin = np.clip(1.0 - thickness_m / (_ONE_LAYER * two_layers_m), -1.0, 1.0)
     values = np.stack([thin * weight / (weight + 1.0), lightness], axis=1)
     thin_around, light_around = averaged(graph, values, _AROUND).T
-    inner: Bool = (thin_around > 0.0) & (light_around < _IN_SHADE * np.median(light_around))
+    inner: Bool = (thin_around > 0.0) & (light_around < np.median(light_around))
     face = graph.components((graph.weight > 0) & inner[graph.first] & inner[graph.second])
     inner &= np.bincount(face)[face] >= config.least_region
     return np.where(inner, face, -1).astype(np.int64)

@@ -35,8 +35,6 @@ class SegmentationConfig:
     of this width."""
     layers_m: float = 0.004
     """The two layers of a plate lie at most this far apart."""
-    color_evidence: float = 0.2
-    """Most evidence of a side by the color of a cluster. Chosen: .05 to .4 give as many right sides."""
     samples: int = 32
     """Divisions by disturbed evidence; the certainty is computed from them."""
     disturbance_m: float = 0.05

@@ -163,8 +163,9 @@ class SideSolver:
         touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
         known, holder, face = state.known.copy(), state.holder.copy(), self.observed.inner
         own = (face >= 0) & np.isin(face, face[touched])
-        inner = state.inner & ~own if wanted > 0 else state.inner | own
-        known[touched] = np.where(inner[touched], 0.0, wanted)
+        inner = state.inner & ~own if wanted > 0 else state.inner | (own & (known <= 0.0))
+        # An inner face that is none of interest lies where the divisions have it.
+        known[touched] = np.where(inner[touched], state.side[touched], wanted)
         holder[touched] = number
         return replace(
             state,
@@ -192,7 +193,7 @@ class SideSolver:
         state, observed = self._state(decisions), self.observed
         certainty = calibrated(observed.clusters, self.agreement(decisions))
         certainty[state.side == 0] = 0.5
-        held, shown = state.holder >= 0, (state.side > 0) & (~state.inner | (state.known > 0))
+        held, shown = state.holder >= 0, (state.side > 0) & ~state.inner
         certainty[shown & self._doubted(state)] = 0.5
         certainty[held | state.excluded] = 1.0
         side = np.where(shown, OF_INTEREST, OTHER).astype(np.int8)
@@ -210,7 +211,7 @@ class SideSolver:
     def _doubted(self, state: _State) -> Bool:
         """Clusters (M,) on what looks like an inner face; only a stroke shows that it is none."""
         face = self.observed.inner
-        doubted: Bool = ~np.isin(face, [*face[state.known > 0], *face[self.start_sheet], -1])
+        doubted: Bool = ~np.isin(face, [*face[(state.known > 0) & ~state.inner], *face[self.start_sheet], -1])
         return doubted
 
     def _changed(self, now: Segmentation) -> str:
