@@ -39,7 +39,7 @@ KEPT_FOR = {
     ),
     "finds wrong poses and turns (`python -m benchmarks mistakes`)": ("_LOOK", "_LEAST_POINTS"),
     "serves an operator: points placed by hand, strokes (docs/tried.md)": (
-        "HELD_STD_M", "LEAST_AREA_M2", "SegmentationConfig.thickness_weight",
+        "HELD_STD_M", "LEAST_AREA_M2",
     ),
     "concerns false links, which these recordings do not have (`python -m benchmarks accuracy`)": (
         "WEAK_EVIDENCE", "LEAST_CORE", "LEAST_EVIDENCE", "MOST_CUT_EVIDENCE", "MOST_CONTRADICTION",

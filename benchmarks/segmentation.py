@@ -29,7 +29,7 @@ from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.certainty import CALIBRATION, features
-from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
 from flatcloth.segmentation.solver import SideSolver
 
@@ -59,7 +59,7 @@ class Score:
     error: float
 
 
-def seen_truth(observed: Observed, truth: Truth, panel: int, face: bool) -> dict[int, Seen]:
+def seen_truth(observed: Evidence, truth: Truth, panel: int, face: bool) -> dict[int, Seen]:
     """Return what the views truly show of the side: the panel's outer face, or its inner one."""
     result = {}
     for n, view in observed.views.items():
@@ -82,7 +82,7 @@ def seen_truth(observed: Observed, truth: Truth, panel: int, face: bool) -> dict
     return result
 
 
-def shown(observed: Observed, side: Any, n: int) -> Any:
+def shown(observed: Evidence, side: Any, n: int) -> Any:
     """Return the sides (h, w) of a view's surface pixels, ``NO_ITEM`` elsewhere."""
     view = observed.views[n]
     result = np.full(view.cluster.shape, NO_ITEM, dtype=np.int8)
@@ -133,7 +133,7 @@ def stroke_at_largest_error(found: Segmentation, truth: dict[int, Seen]) -> Imag
     return best[1]
 
 
-def side_shown_first(observed: Observed, solver: SideSolver, truth: Truth) -> tuple[int, bool]:
+def side_shown_first(observed: Evidence, solver: SideSolver, truth: Truth) -> tuple[int, bool]:
     """Return panel and face of the sheet the segmentation starts from."""
     view = observed.views[observed.start_view]
     at = view.surface & np.isin(view.cluster, solver.start_sheet)

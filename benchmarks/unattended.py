@@ -17,7 +17,7 @@ from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
-from flatcloth.segmentation.observed import gather_evidence, observe
+from flatcloth.segmentation.observed import gather_evidence
 from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.machine import Document, MemorySession, SessionState
 
@@ -62,9 +62,7 @@ def side_solver(recording: Any, every: int = 1) -> SideSolver:
     """Return what finds the sides of a recording without its masks, by each view of so many."""
     integration = Integration(recording)
     frames = [recording[n] for n in range(0, len(recording), every)]
-    return SideSolver(
-        observe(gather_evidence(frames, integration.axis, integration.views.held_point_m, Config()))
-    )
+    return SideSolver(gather_evidence(frames, integration.axis, integration.views.held_point_m, Config()))
 
 
 def logistic(features: Float64, right: Bool, held: float, weight: Float64 | float = 1.0) -> Float64:

@@ -97,39 +97,20 @@ def by_cell(places: Float64, size: float, cells: int) -> tuple[Int32, Int32]:
     return grouped(cell, cells)
 
 
-def minimum_cut(
-    edges: NDArray[np.integer], capacity: Float64, from_source: Float64, to_sink: Float64
-) -> Bool:
-    """Return which nodes (N,) lie on the source's side of the cut of least capacity.
+def cut_between(count: int, edges: NDArray[np.integer], capacity: Float64, one: Int64, other: Int64) -> Bool:
+    """Return which nodes (count,) lie with nodes ``one`` by the cut of least capacity to nodes ``other``.
 
-    Parameters
-    ----------
-    edges : (E, 2) integer
-        Pairs of nodes.
-    capacity : (E,) float64
-        Of each edge, in both directions.
-    from_source, to_sink : (N,) float64
-        Capacity of the edge from the source to each node, and from each node to the sink; 0 for none.
-        ``np.inf`` puts a node on that side.
+    ``edges`` (E, 2) are pairs of nodes; ``capacity`` (E,) is that of each, in both directions.
     """
-    count = len(from_source)
     units = np.ceil(_UNITS * capacity)
-    unbounded = units.sum() + 1
-    inside, outside = np.flatnonzero(from_source), np.flatnonzero(to_sink)
+    inside, outside = np.unique(one), np.unique(other)
     rows = np.concatenate([edges[:, 0], edges[:, 1], np.full(len(inside), count), outside])
     columns = np.concatenate([edges[:, 1], edges[:, 0], inside, np.full(len(outside), count + 1)])
-    ends = np.ceil(_UNITS * np.concatenate([from_source[inside], to_sink[outside]]))
-    data = np.concatenate([units, units, np.minimum(ends, unbounded)])
+    unbounded = np.full(len(inside) + len(outside), units.sum() + 1)
+    data = np.concatenate([units, units, unbounded])
     network = csr_matrix((data.astype(np.int32), (rows, columns)), shape=(count + 2, count + 2))
     rest = network - maximum_flow(network, count, count + 1).flow
     rest.eliminate_zeros()
     side = np.zeros(count + 2, dtype=np.bool_)
     side[breadth_first_order(rest, count, return_predecessors=False)] = True
     return side[:count]
-
-
-def cut_between(count: int, edges: NDArray[np.integer], capacity: Float64, one: Int64, other: Int64) -> Bool:
-    """Return which nodes (count,) lie with nodes ``one`` by the cut of least capacity to nodes ``other``."""
-    ends = np.zeros((2, count))
-    ends[0, one] = ends[1, other] = np.inf
-    return minimum_cut(edges, capacity, *ends)

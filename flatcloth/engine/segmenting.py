@@ -19,7 +19,7 @@ from flatcloth.core.types import Progress, RgbdFrame, no_progress
 from flatcloth.engine.views import RecordedViews
 from flatcloth.recordings.base import Recording, ViewImages, altered, images_of
 from flatcloth.segmentation.explanation import Slice, telling_slice
-from flatcloth.segmentation.observed import Evidence, gather_evidence, observe
+from flatcloth.segmentation.observed import Evidence, gather_evidence
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.commands import paint
@@ -61,7 +61,7 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
     RecordingError
         If a view cannot be read.
     """
-    return SideSolver(observe(evidence_of(views, progress), progress))
+    return SideSolver(evidence_of(views, progress))
 
 
 def evidence_of(

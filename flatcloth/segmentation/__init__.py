@@ -1,6 +1,6 @@
 """The item, and its side of interest, found without masks; strokes and cuts correct it.
 
-In: the frames of a recording, where it turns (``observe``), and the operator's strokes
+In: the frames of a recording, where it turns (``gather_evidence``), and the operator's strokes
 (``core.strokes``). Out: ``Segmentation``, a side with a certainty for every surface pixel of all views.
 ``SideSolver`` solves again within 0.3 s after each stroke and remembers every prefix, so undo is exact.
 """

@@ -92,10 +92,9 @@ def beyond(observed: Evidence, cut: Cut, of_interest: Bool, name: str) -> Int64:
     part = graph.components((graph.weight > 0) & open_[graph.first] & open_[graph.second])
     # The region beyond the line must not be connected to the other side around its ends.
     here = part[begin]
-    side = np.asarray(cut.points_m).mean(axis=0) - np.asarray(cut.beyond_m)
-    across = np.asarray(cut.points_m).mean(axis=0) + 3.0 * width_m * side / max(
-        float(np.linalg.norm(side)), 1e-9
-    )
+    middle = np.asarray(cut.points_m).mean(axis=0)
+    side = middle - np.asarray(cut.beyond_m)
+    across = middle + 3.0 * width_m * side / max(float(np.linalg.norm(side)), 1e-9)
     other = _nearest(observed, tuple(across), cut.beyond_normal, open_)
     if other is not None and part[other] == here:
         near = float(np.linalg.norm(clusters.place_m[other] - across))
@@ -103,15 +102,8 @@ def beyond(observed: Evidence, cut: Cut, of_interest: Bool, name: str) -> Int64:
             raise SegmentationError(
                 f"{name}: the cloth continues around the ends of the line; draw it from rim to rim."
             )
-    return np.flatnonzero((part == here) & open_ | (wall & of_interest & _beside(observed, cut)))
-
-
-def _beside(observed: Evidence, cut: Cut) -> Bool:
-    """Clusters (M,) on the far half of the line's own width."""
-    middle = np.asarray(cut.points_m).mean(axis=0)
-    away = np.asarray(cut.beyond_m) - middle
-    result: Bool = (observed.clusters.place_m - middle) @ away > 0
-    return result
+    beside = (clusters.place_m - middle) @ side < 0  # the far half of the line's own width
+    return np.flatnonzero((part == here) & open_ | (wall & of_interest & beside))
 
 
 def _nearest(observed: Evidence, point: Sequence[float], normal: Sequence[float], among: Bool) -> int | None:

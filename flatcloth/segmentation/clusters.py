@@ -78,7 +78,7 @@ def gather(
         offset_m=max(config.cluster_m / 4.0, config.cluster_noise * noise_m),
         least_cos=config.alike_cos,
     )
-    place, normal = _seeded(points_m, normals, _falling(facing), limits)
+    place, normal = _seeded(points_m, normals, np.argsort(-facing, kind="stable"), limits)
     of_pixel = np.empty(len(points_m), dtype=np.int32)
     _assign_together(points_m, normals, limits, place, normal, of_pixel)
     _averaged(points_m, normals, facing, of_pixel, place, normal)
@@ -99,29 +99,6 @@ def gather(
     )
 
 
-@njit(cache=True, nogil=True)
-def _falling(facing: Float32) -> Int32:
-    """Return the order of positive numbers (N,), largest first; the sort is stable.
-
-    Their bits, read as integers, have the same order; they are counted 16 at a time. NumPy's sort of integers
-    takes three times the memory, and would set the peak of the segmentation.
-    """
-    bits, order = ~facing.view(np.uint32), np.arange(facing.size).astype(np.int32)
-    for shift in (0, 16):
-        place = np.zeros(2**16 + 1, dtype=np.int64)
-        for i in range(bits.size):
-            place[((bits[i] >> shift) & 0xFFFF) + 1] += 1
-        for k in range(2**16):
-            place[k + 1] += place[k]
-        sorted_order = np.empty_like(order)
-        for n in range(order.size):
-            digit = (bits[order[n]] >> shift) & 0xFFFF
-            sorted_order[place[digit]] = order[n]
-            place[digit] += 1
-        order = sorted_order
-    return order
-
-
 class _Limits(NamedTuple):
     """Limits of a cluster: its radius, the offset along its normal, and the turn of the normals."""
 
@@ -136,11 +113,11 @@ def _cell(value: float, size: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _seeded(points: Float32, normals: Float32, order: Int32, limits: _Limits) -> tuple[Float64, Float64]:
+def _seeded(points: Float32, normals: Float32, order: Int64, limits: _Limits) -> tuple[Float64, Float64]:
     """Select each point, in order, that no cluster selected before covers."""
-    radius, offset, least_cos = limits
+    radius, _, _ = limits
     capacity = min(len(points), 400_000)
-    place, normal = np.empty((capacity, 3)), np.empty((capacity, 3))
+    sheets = np.empty((capacity, 6))
     head, following = np.full(_BUCKETS, -1, np.int32), np.full(capacity, -1, np.int32)
     count = 0
     for i in order:
@@ -150,8 +127,7 @@ def _seeded(points: Float32, normals: Float32, order: Int32, limits: _Limits) ->
             dx, dy, dz = _NEAREST_FIRST[n]
             j = head[cell_of(x + dx, y + dy, z + dz, _BUCKETS)]
             while j >= 0:
-                turn, along, across = _relation(points, normals, i, place, normal, j)
-                if turn > least_cos and abs(along) < offset and across < radius * radius:
+                if _distance(points, normals, i, limits, sheets, j, np.inf) < np.inf:
                     covered = True
                     break
                 j = following[j]
@@ -159,26 +135,12 @@ def _seeded(points: Float32, normals: Float32, order: Int32, limits: _Limits) ->
                 break
         if not covered and count < capacity:
             for k in range(3):
-                place[count, k], normal[count, k] = points[i, k], normals[i, k]
+                sheets[count, k], sheets[count, 3 + k] = points[i, k], normals[i, k]
             h = cell_of(x, y, z, _BUCKETS)
             following[count] = head[h]
             head[h] = count
             count += 1
-    return place[:count].copy(), normal[:count].copy()
-
-
-@njit(cache=True, nogil=True)
-def _relation(
-    points: Float32, normals: Float32, i: int, place: Float64, normal: Float64, j: int
-) -> tuple[float, float, float]:
-    """Cosine of the normals, offset along the cluster's normal, and squared distance across it."""
-    turn, along, distance = 0.0, 0.0, 0.0
-    for k in range(3):
-        d = points[i, k] - place[j, k]
-        turn += normals[i, k] * normal[j, k]
-        along += d * normal[j, k]
-        distance += d * d
-    return turn, along, distance - along * along
+    return sheets[:count, :3].copy(), sheets[:count, 3:].copy()
 
 
 def _assign_together(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.core.types import Bool, Float64, Int64, RotationAxis
-from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.observed import Evidence
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +26,7 @@ class Slice:
     opposite: Int64
 
 
-def telling_slice(observed: Observed, axis: RotationAxis) -> Slice:
+def telling_slice(observed: Evidence, axis: RotationAxis) -> Slice:
     """Return the slice with most pairs of opposite layers."""
     clusters, g = observed.clusters, observed.graph
     offset = clusters.place_m - axis.point_m

@@ -33,9 +33,9 @@ from flatcloth.registration.axis import THREADS
 from flatcloth.registration.cameras import Fits, register
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
-from flatcloth.segmentation.inner import doubtful_faces, inner_faces
+from flatcloth.segmentation.inner import inner_faces
 from flatcloth.segmentation.item import CutOff, checked, find_item
-from flatcloth.segmentation.partition import Divisions, partition
+from flatcloth.segmentation.partition import partition
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
 from flatcloth.segmentation.settings import SegmentationConfig
 
@@ -82,44 +82,25 @@ class Evidence:
     """The views and their evidence of sides; immutable.
 
     ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of all
-    given views; ``clusters``, ``graph`` the evidence; ``inner`` (M,) clusters on inner faces, seen through an
-    opening; ``cut_off`` the regions that were removed. ``noisy``: most views have a sensor's noise.
+    given views; ``clusters``, ``graph`` the evidence; ``color`` (M, 3) float64 of the clusters, CIELAB in
+    8 bits; ``inner`` (M,) int64 numbers of inner faces, seen through an opening, -1 elsewhere;
+    ``cut_off`` the regions that were removed. ``noisy``: most views have a sensor's noise.
     """
 
     views: dict[int, ObservedView]
     view_numbers: frozenset[int]
     clusters: Clusters
     graph: SignedGraph
-    inner: Bool
+    color: Float64
+    inner: Int64
     cut_off: tuple[CutOff, ...]
     noisy: bool
     config: SegmentationConfig
 
-
-@dataclass(frozen=True, kw_only=True)
-class Observed(Evidence):
-    """The evidence, and what follows from it before any stroke.
-
-    ``divisions`` are those into two sides, by disturbed evidence; ``doubtful`` (M,) numbers of faces
-    that may be inner faces, -1 elsewhere; ``start_view`` the view that shows most of the item.
-    """
-
-    divisions: Divisions
-    doubtful: Int64
-    start_view: int
-
-
-def observe(made: Evidence, progress: Progress = no_progress) -> Observed:
-    """Prepare the views of a recording for strokes: what follows from the evidence before any."""
-    clusters, graph, views, settings = made.clusters, made.graph, made.views, made.config
-    progress(0.8, "sides")
-    unsure = doubtful_faces(clusters, graph, settings) if made.noisy else np.full(clusters.count, -1)
-    return Observed(
-        **vars(made),
-        divisions=Divisions(graph, clusters.place_m, settings),
-        doubtful=unsure,
-        start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
-    )
+    @property
+    def start_view(self) -> int:
+        """The view that shows most of the item."""
+        return max(self.views, key=lambda n: float((self.views[n].depth_m[self.views[n].item] ** 2).sum()))
 
 
 def gather_evidence(
@@ -170,25 +151,29 @@ def gather_evidence(
     noise_m = float(np.median([surface.noise_m for surface in surfaces]))
     noisy = bool(np.median([surface.noisy for surface in surfaces]))
     seen = [_Seen.of(surface, pose) for surface, pose in zip(surfaces, poses, strict=True)]
-    points = _points_of(surfaces, poses)
+    points, color = _points_of(surfaces, poses), _colors_of(surfaces)
     del surfaces  # the clusters need none of their 25 bytes a pixel
     clusters = gather(*points, noise_m, settings)
+    sums = [np.bincount(clusters.of_pixel + 1, each)[1:] for each in color]
+    mean = np.stack(sums, axis=1) / clusters.pixels[:, None]
     facing, labels = _images(points[2], seen, 0.0), _images(clusters.of_pixel, seen, -1)
-    del points
+    del points, color
     with ThreadPoolExecutor(THREADS) as pool:
         links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
         graph = signed_graph(clusters, links, settings)
-        inner = pool.submit(inner_faces, clusters, graph, settings)
+        inner = pool.submit(inner_faces, clusters, graph, mean[:, 0], settings)
         masks = ((item.masks[n], item.outlined[n]) for n in (at[view.view_index] for view in seen))
         views = {
             view.view_index: view
             for view in pool.map(_view, seen, masks, labels, facing, itertools.repeat(settings))
         }
+    progress(0.8, "sides")
     return Evidence(
         views=views,
         view_numbers=frozenset(at),
         clusters=clusters,
         graph=graph,
+        color=mean,
         inner=inner.result(),
         cut_off=item.cut_off,
         noisy=noisy,
@@ -286,6 +271,12 @@ def _points_of(surfaces: Sequence[Surface], poses: Sequence[Rigid3]) -> tuple[Fl
     return points, normals, cos
 
 
+def _colors_of(surfaces: Sequence[Surface]) -> Uint8:
+    """Return the CIELAB colors (3, N) of all surface pixels."""
+    seen = (cv2.cvtColor(each.frame.color, cv2.COLOR_RGB2LAB)[each.usable].T for each in surfaces)
+    return np.concatenate(list(seen), axis=1)
+
+
 def _view(
     seen: _Seen, masks: tuple[Bool, Bool], label: Int32, facing: Float32, settings: SegmentationConfig
 ) -> ObservedView:
@@ -333,9 +324,10 @@ def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationCon
     return result
 
 
-def start_sheet(observed: Observed) -> Int64:
+def start_sheet(observed: Evidence) -> Int64:
     """Return the clusters in the middle of the largest well-seen sheet of the start view."""
-    view = observed.views[observed.start_view]
+    number = observed.start_view
+    view = observed.views[number]
     side = partition(observed.graph).side
     shown = np.zeros(observed.clusters.count)
     at = view.surface
@@ -343,13 +335,11 @@ def start_sheet(observed: Observed) -> Int64:
     # Normals that differ from the direction of view by no more than those of one side may.
     toward = -(observed.clusters.normal @ view.object_from_camera.rotation[:, 2])
     least_cos = observed.config.alike_cos
-    good = (shown > 0) & (toward > least_cos) & (observed.clusters.facing > least_cos) & ~observed.inner
+    good = (shown > 0) & (toward > least_cos) & (observed.clusters.facing > least_cos) & (observed.inner < 0)
     if not good.any():
         good = shown > 0
     if not good.any():
-        raise SegmentationError(
-            f"View {observed.start_view}: no surface of the item is seen well enough to begin with."
-        )
+        raise SegmentationError(f"View {number}: no surface of the item is seen well enough to begin with.")
     g = observed.graph
     joined = (g.weight > 0) & good[g.first] & good[g.second] & (side[g.first] == side[g.second])
     label = g.components(joined)

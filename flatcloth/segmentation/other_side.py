@@ -3,8 +3,9 @@
 What is not of interest is the other side, an inner face seen through an opening, or a rim of the side of
 interest that its masks leave out. Neighbours lie on one side, but not over the border of a mask, where this
 side ends; layers back to back lie on opposite ones. So the outer face of the other side and the inner face
-behind this side are opposite to this side, and the rest is like it. What the thickness shows to be an inner
-face is left out, as is what most of the disturbed partitions place on this side, or nowhere.
+behind this side are opposite to this side, and the rest is like it. An inner face is left
+out (but not with noise, where as much outer cloth looks like one), as is what most of the disturbed
+partitions place on this side, or nowhere.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def other_side(observed: Evidence, mask_of: Callable[[int], Bool]) -> Segmentati
     """
     given = _share_in_masks(observed, mask_of) > 0.5
     certainty = _opposite_share(observed, given)
-    is_other = ~given & ~observed.inner & (certainty > 0.5) & given.any()
+    is_other = ~given & (observed.noisy | (observed.inner < 0)) & (certainty > 0.5) & given.any()
     return Segmentation(
         observed=observed,
         decisions=(),
@@ -63,7 +64,6 @@ def _opposite_share(observed: Evidence, given: Bool) -> Float32:
     kept = (graph.weight < 0) | (given[graph.first] == given[graph.second])
     clamped = replace(graph, first=graph.first[kept], second=graph.second[kept], weight=graph.weight[kept])
     divisions = Divisions(clamped, observed.clusters.place_m, observed.config)
-    nowhere = np.zeros(graph.count, dtype=np.bool_)
-    samples = divisions.sides(given.astype(np.float64), np.empty(0, dtype=np.int64), nowhere)
+    samples = divisions.sides(given.astype(np.float64), np.empty(0, dtype=np.int64))
     share: Float32 = 0.5 - 0.5 * samples.mean(axis=0, dtype=np.float32)
     return share

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.compiled import njit
-from flatcloth.core.types import Bool, Float64, Int64
+from flatcloth.core.types import Float32, Float64, Int64
 from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.relations import SignedGraph
 from flatcloth.segmentation.settings import SegmentationConfig
@@ -65,28 +65,46 @@ class Divisions:
         Where the nodes lie.
     config : SegmentationConfig
         Number of divisions, and size of the disturbance.
+    color : (M,) float64 and float, optional
+        Evidence of the side by color, and its probability: the share of the divisions that it is used in.
     """
 
-    def __init__(self, graph: SignedGraph, place_m: Float64, config: SegmentationConfig) -> None:
+    def __init__(
+        self,
+        graph: SignedGraph,
+        place_m: Float64,
+        config: SegmentationConfig,
+        color: tuple[Float64, float] | None = None,
+    ) -> None:
         core, random = partition(graph, _CORE_NODES), np.random.default_rng(0)
-        self._side, self._core = core.side, np.unique(core.part, return_inverse=True)[1].ravel()
+        alike, probability = color or (np.zeros(graph.count), 0.0)
+        # One more node, the last one, stands for the color of a side.
+        self._side = np.append(core.side, 1.0)
+        self._core = np.unique(np.append(core.part, -1), return_inverse=True)[1].ravel()
         self._cores, self._count, self._price = int(self._core.max()) + 1, config.samples, config.guess
-        ends = np.sort(self._core[np.stack([graph.first, graph.second], axis=1)], axis=1)
-        between = np.flatnonzero(ends[:, 0] != ends[:, 1])
+        first = np.append(graph.first, np.arange(graph.count))
+        second = np.append(graph.second, np.full(graph.count, graph.count))
+        weight = np.append(graph.weight, alike)
+        middle = np.concatenate([0.5 * (place_m[graph.first] + place_m[graph.second]), place_m])
+        ends = np.sort(np.stack([self._core[first], self._core[second]], axis=1), axis=1)
+        between = np.flatnonzero((ends[:, 0] != ends[:, 1]) & ((second < graph.count) | (weight != 0.0)))
         pairs, self._pair = np.unique(ends[between] @ [self._cores, 1], return_inverse=True)
         self._first, self._second = pairs // self._cores, pairs % self._cores
-        first, second = graph.first[between], graph.second[between]
-        self._ends, self._repels = np.stack([first, second], axis=1), graph.weight[between] < 0
-        self._weight = graph.weight[between] * core.side[first] * core.side[second]
-        middle, count = 0.5 * (place_m[first] + place_m[second]), len(between)
-        self._factors = []
+        first, second, middle, count = first[between], second[between], middle[between], len(between)
+        self._weight, colored = (
+            weight[between] * self._side[first] * self._side[second],
+            second == graph.count,
+        )
+        joins = colored | (weight[between] > 0)
+        self._factors: list[Float32] = []
         for _ in range(config.samples):
             shift, factor = random.uniform(size=3), random.standard_normal(count)
             cell = np.floor(middle / config.disturbance_m + shift).astype(np.int64)
-            spot = (cell @ np.array([73856093, 19349663, 83492791]) + ~self._repels) % max(count, 1)
-            self._factors.append(np.exp(factor)[spot].astype(np.float32))
+            spot = (cell @ np.array([73856093, 19349663, 83492791]) + joins) % max(count, 1)
+            counts = ~colored | (len(self._factors) < probability * config.samples)
+            self._factors.append((counts * np.exp(factor)[spot]).astype(np.float32))
 
-    def sides(self, known: Float64, guess: Int64, inner: Bool, before: Int8 | None = None) -> Int8:
+    def sides(self, known: Float64, guess: Int64, before: Int8 | None = None) -> Int8:
         """Return the sides (K, M) in each division, 1 or -1; 0 for what nothing joins to what is known.
 
         Parameters
@@ -96,12 +114,9 @@ class Divisions:
         guess : (G,) int64
             Nodes that are on side 1, unless more evidence than the guess has contradicts that, with what is
             known.
-        inner : (M,) bool
-            Inner faces: cloth at their back is no evidence of their side.
         before : (K, M) int8, optional
             Divisions under fewer conditions. Those that agree with what is known now are kept.
         """
-        used = np.where(self._repels & inner[self._ends].any(axis=1), 0.0, self._weight)
         guessed = known.copy()
         guessed[guess] = np.where(known[guess] == 0.0, 1.0, known[guess])
         held = [self._of_cores(each) for each in (known, guessed)]
@@ -111,12 +126,14 @@ class Divisions:
             if before is not None and (before[k, asked] == known[asked]).all():
                 kept: Int8 = before[k]
                 return kept
-            weight = np.bincount(self._pair, used * self._factors[k], len(self._first)).astype(np.float64)
+            weight = np.bincount(self._pair, self._weight * self._factors[k], len(self._first)).astype(
+                np.float64
+            )
             side, agrees = self._divided(weight, held[1])
             if asked.size:
                 without, more = self._divided(weight, held[0])
                 side = without if more - agrees > self._price else side
-            found: Int8 = (side[self._core] * self._side).astype(np.int8)
+            found: Int8 = (side[self._core] * self._side).astype(np.int8)[:-1]
             found[asked] = known[asked]
             return found
 
@@ -125,7 +142,7 @@ class Divisions:
 
     def _of_cores(self, known: Float64) -> Float64:
         """Return the side that is known of each core, that of most of its nodes; 0 for others."""
-        known_of: Float64 = np.sign(np.bincount(self._core, known * self._side, self._cores))
+        known_of: Float64 = np.sign(np.bincount(self._core[:-1], known * self._side[:-1], self._cores))
         return known_of
 
     def _divided(self, weight: Float64, known: Float64) -> tuple[Float64, float]:

@@ -38,13 +38,8 @@ class SignedGraph:
         return components(self.count, np.stack([self.first[kept], self.second[kept]], axis=1))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Links:
-    """Neighbouring pixels of one view in different clusters: ``first``, ``second``, ``facing``."""
-
-    first: Int32
-    second: Int32
-    facing: Float32
+Links = tuple[Int32, Int32, Float32]
+"""Neighbouring pixels of one view in different clusters: both clusters, and the least cosine of incidence."""
 
 
 def links_of_view(cluster: Int32, facing: Float32, steps: NDArray[np.uint8]) -> Links:
@@ -59,14 +54,18 @@ def links_of_view(cluster: Int32, facing: Float32, steps: NDArray[np.uint8]) -> 
     steps : (H, W) uint8
         ``Surface.steps``.
     """
-    found: list[tuple[Int32, Int32, Float32]] = []
+    found: list[Links] = []
     right, down = np.s_[:, :-1], np.s_[:-1]
     for bit, here, there in ((STEP_RIGHT, right, np.s_[:, 1:]), (STEP_DOWN, down, np.s_[1:])):
         a, b = cluster[here], cluster[there]
         linked: Bool = (a >= 0) & (b >= 0) & (a != b) & ((steps[here] & bit) > 0)
         found.append((a[linked], b[linked], np.minimum(facing[here], facing[there])[linked]))
-    first, second, least = (np.concatenate([f[n] for f in found]) for n in range(3))
-    return Links(first=first, second=second, facing=least)
+    return _joined(found)
+
+
+def _joined(links: list[Links]) -> Links:
+    first, second, facing = zip(*links, strict=True)
+    return np.concatenate(first), np.concatenate(second), np.concatenate(facing)
 
 
 def signed_graph(clusters: Clusters, links: list[Links], config: SegmentationConfig) -> SignedGraph:
@@ -95,12 +94,11 @@ def signed_graph(clusters: Clusters, links: list[Links], config: SegmentationCon
 def _attraction(
     clusters: Clusters, links: list[Links], config: SegmentationConfig
 ) -> tuple[Int64, Int64, Float64]:
-    a = np.concatenate([view.first for view in links]).astype(np.int64)
-    b = np.concatenate([view.second for view in links]).astype(np.int64)
-    facing = np.concatenate([view.facing for view in links]).astype(np.float64)
+    one, other, facing = _joined(links)
+    a, b = one.astype(np.int64), other.astype(np.int64)
     key, where = np.unique(np.minimum(a, b) * clusters.count + np.maximum(a, b), return_inverse=True)
     # Evidence does not grow with the number of views; at a steep incidence it is weak.
-    seen = np.bincount(where, facing**4, len(key))
+    seen = np.bincount(where, facing.astype(np.float64) ** 4, len(key))
     first, second = key // clusters.count, key % clusters.count
     chord = clusters.place_m[second] - clusters.place_m[first]
     chord /= np.maximum(np.linalg.norm(chord, axis=1), 1e-9)[:, None]

@@ -35,8 +35,6 @@ class SegmentationConfig:
     of this width."""
     layers_m: float = 0.004
     """The two layers of a plate lie at most this far apart."""
-    thickness_weight: float = 0.2
-    """Most evidence of an inner face that the thickness of one layer gives for each cluster."""
     samples: int = 32
     """Divisions by disturbed evidence; the certainty is computed from them."""
     disturbance_m: float = 0.05

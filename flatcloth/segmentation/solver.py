@@ -12,9 +12,10 @@ from flatcloth.core.strokes import Cut, Decision
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.brushes import beyond, under
 from flatcloth.segmentation.certainty import calibrated
+from flatcloth.segmentation.color import alike_in_color
 from flatcloth.segmentation.item import LEAST_AREA_M2
-from flatcloth.segmentation.observed import Observed, start_sheet
-from flatcloth.segmentation.partition import Int8
+from flatcloth.segmentation.observed import Evidence, start_sheet
+from flatcloth.segmentation.partition import Divisions, Int8
 from flatcloth.segmentation.result import (
     OF_INTEREST,
     OTHER,
@@ -31,8 +32,8 @@ class _State:
     """What some decisions say, and the divisions that agree with them.
 
     ``known`` (M,) float64 is the side of each cluster under a stroke, 1 or -1; 0 elsewhere. ``holder`` (M,)
-    is the decision that says so, -1 if none does. ``inner`` (M,) is True on inner faces, which are never of
-    interest; ``excluded`` (M,) where a cut removed the cluster. ``divisions`` (K, M) are the sides.
+    is the decision that says so, -1 if none does. ``inner`` (M,) is True on inner faces that a stroke says
+    are not of interest; ``excluded`` (M,) where a cut removed it; ``divisions`` (K, M) are the sides.
     """
 
     known: Float64
@@ -54,12 +55,14 @@ class SideSolver:
 
     Parameters
     ----------
-    observed : Observed
+    observed : Evidence
         The prepared views.
     """
 
-    def __init__(self, observed: Observed) -> None:
-        self.observed = observed
+    def __init__(self, observed: Evidence) -> None:
+        self.observed, clusters, graph = observed, observed.clusters, observed.graph
+        color = alike_in_color(clusters, graph, observed.color[:, 1:], observed.config)
+        self._divisions = Divisions(graph, clusters.place_m, observed.config, color)
         self._states: Cache[_State] = Cache(256, 256 << 20)
         self._results: Cache[Segmentation] = Cache(64, 64 << 20)
         self.start_sheet = start_sheet(observed)
@@ -81,9 +84,9 @@ class SideSolver:
         return self._results.get(key, lambda: self._result(key))
 
     def most_probable(self, decisions: Sequence[Decision]) -> Float64:
-        """Return the side (M,) of most divisions, also of cloth that is undecided: 1, -1, or 0 for none."""
+        """Return the side (M,) of most divisions, 1 or -1, even if undecided; 0: none, or an inner face."""
         state = self._state(tuple(decisions))
-        return np.where(state.inner, -1.0, state.side)
+        return np.where(state.inner, -1.0, np.where(self._doubted(state), 0.0, state.side))
 
     def agreement(self, decisions: Sequence[Decision]) -> Float64:
         """Return for each cluster (M,) how probably it is on the side that most divisions place it on."""
@@ -138,17 +141,15 @@ class SideSolver:
         return self._states.get(decisions, lambda: self._after(self._state(decisions[:-1]), decisions))
 
     def _begin(self) -> _State:
-        count, inner = self.observed.clusters.count, self.observed.inner.copy()
-        if inner[self.start_sheet].any():  # the start sheet counts as of interest: no face is inner
-            inner[:] = False
-        known = np.zeros(count)
+        count = self.observed.clusters.count
+        known, nowhere = np.zeros(count), np.zeros(count, dtype=np.bool_)
         return _State(
             known=known,
             holder=np.full(count, -1, dtype=np.int64),
-            inner=inner,
-            excluded=np.zeros(count, dtype=np.bool_),
+            inner=nowhere,
+            excluded=nowhere,
             conflicts=(),
-            divisions=self.observed.divisions.sides(known, self.start_sheet, inner),
+            divisions=self._divisions.sides(known, self.start_sheet),
         )
 
     def _after(self, state: _State, decisions: tuple[Decision, ...]) -> _State:
@@ -160,12 +161,11 @@ class SideSolver:
             excluded[beyond(self.observed, decision, of_interest, name)] = True
             return replace(state, excluded=excluded)
         touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
-        known, holder, inner = state.known.copy(), state.holder.copy(), state.inner.copy()
-        if wanted > 0 and inner[touched].any():  # it was wrongly taken for an inner face
-            g = self.observed.graph
-            face = g.components((g.weight > 0) & inner[g.first] & inner[g.second])
-            inner &= ~np.isin(face, face[touched[inner[touched]]])
-        known[touched] = np.where(inner[touched], 0.0, wanted)
+        known, holder, face = state.known.copy(), state.holder.copy(), self.observed.inner
+        own = (face >= 0) & np.isin(face, face[touched])
+        inner = state.inner & ~own if wanted > 0 else state.inner | (own & (known <= 0.0))
+        # An inner face that is none of interest lies where the divisions have it.
+        known[touched] = np.where(inner[touched], state.side[touched], wanted)
         holder[touched] = number
         return replace(
             state,
@@ -173,7 +173,7 @@ class SideSolver:
             holder=holder,
             inner=inner,
             conflicts=(*state.conflicts, *self._conflicts(state, touched, wanted, number)),
-            divisions=self.observed.divisions.sides(known, self.start_sheet, inner, state.divisions),
+            divisions=self._divisions.sides(known, self.start_sheet, state.divisions),
         )
 
     def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[str]:
@@ -194,9 +194,7 @@ class SideSolver:
         certainty = calibrated(observed.clusters, self.agreement(decisions))
         certainty[state.side == 0] = 0.5
         held, shown = state.holder >= 0, (state.side > 0) & ~state.inner
-        # Only a stroke shows that a face which may be an inner one is none.
-        faces = observed.doubtful
-        certainty[shown & ~np.isin(faces, np.append(faces[state.known > 0], -1))] = 0.5
+        certainty[shown & self._doubted(state)] = 0.5
         certainty[held | state.excluded] = 1.0
         side = np.where(shown, OF_INTEREST, OTHER).astype(np.int8)
         side[(certainty < observed.config.least_certainty) & ~state.inner] = UNDECIDED
@@ -209,6 +207,12 @@ class SideSolver:
             conflicts=state.conflicts,
         )
         return replace(found, changed=self._changed(found)) if decisions else found
+
+    def _doubted(self, state: _State) -> Bool:
+        """Clusters (M,) on what looks like an inner face; only a stroke shows that it is none."""
+        face = self.observed.inner
+        doubted: Bool = ~np.isin(face, [*face[(state.known > 0) & ~state.inner], *face[self.start_sheet], -1])
+        return doubted
 
     def _changed(self, now: Segmentation) -> str:
         before, area = self.solve(now.decisions[:-1]), self.observed.clusters.area_m2

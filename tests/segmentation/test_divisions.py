@@ -22,24 +22,21 @@ def sheet(offset=0, rows=ROWS, cols=COLS):
     return number, (first, second, np.full(len(first), 0.9))
 
 
-def divisions_of(*pairs, places=None):
+def divisions_of(*pairs, color=None):
     first, second, weight = (
         np.concatenate([np.broadcast_to(each[n], np.shape(each[0])) for each in pairs]) for n in range(3)
     )
     count = 1 + int(max(first.max(), second.max()))
-    if places is None:
-        row, col = np.divmod(np.arange(count), COLS)
-        places = STEP_M * np.stack([row, col, np.zeros(count)], axis=1)
-    return Divisions(
-        SignedGraph(count=count, first=first, second=second, weight=weight), places, SegmentationConfig()
-    )
+    row, col = np.divmod(np.arange(count), COLS)
+    places = STEP_M * np.stack([row, col, np.zeros(count)], axis=1)
+    graph = SignedGraph(count=count, first=first, second=second, weight=weight)
+    return Divisions(graph, places, SegmentationConfig(), color)
 
 
-def sides(divisions, count, guess=NOWHERE, inner=NOWHERE, before=None, **known):
-    sides_known, is_inner = np.zeros(count), np.zeros(count, dtype=np.bool_)
+def sides(divisions, count, guess=NOWHERE, before=None, **known):
+    sides_known = np.zeros(count)
     sides_known[known.get("this", NOWHERE)], sides_known[known.get("other", NOWHERE)] = 1.0, -1.0
-    is_inner[inner] = True
-    return divisions.sides(sides_known, guess, is_inner, before)
+    return divisions.sides(sides_known, guess, before)
 
 
 @pytest.fixture
@@ -108,19 +105,13 @@ def test_a_stroke_holds_only_its_mark_where_the_rest_is_held_by_others(plate):
     assert (found[:, front[15:17, 14:17].ravel()] == -1).all()
 
 
-def test_cloth_at_the_back_of_an_inner_face_says_nothing_of_its_side():
-    front, of_front = sheet()
-    flap, of_flap = sheet(front.size, 8, COLS)  # below the hem of the front, the inner face of the back
-    back, of_back = sheet(front.size + flap.size, ROWS + 8, COLS)
-    pairs = (
-        of_front, of_flap, of_back,
-        (front.ravel(), back[:ROWS].ravel(), -0.8),
-        (flap.ravel(), back[ROWS:].ravel(), -0.8),
-        (front[-1], flap[0], 0.05),
-    )  # fmt: skip
-    places = np.zeros((front.size + flap.size + back.size, 3))
-    divisions = divisions_of(*pairs, places=places)
-    known = {"guess": front[5, 5:10], "other": flap[4, 5:25]}
-    found = sides(divisions, len(places), inner=flap.ravel(), **known)
-    assert (found[:, front.ravel()] == 1).all()
-    assert (found[:, back.ravel()] == -1).all()
+def test_color_divides_cloth_that_seems_one_in_as_many_divisions_as_it_is_probable():
+    one, of_one = sheet()
+    two, of_two = sheet(one.size)
+    count = 2 * one.size
+    color = np.where(np.arange(count) < one.size, 0.2, -0.2)
+    for probability in (0.0, 0.25, 1.0):
+        divisions = divisions_of(of_one, of_two, (one[-1], two[0], 0.9), color=(color, probability))
+        found = sides(divisions, count, guess=one[5, 5:10])
+        assert (found[:, one.ravel()] == 1).mean() > 0.95
+        assert ((found[:, two.ravel()] == -1).mean(axis=1) > 0.8).mean() == probability

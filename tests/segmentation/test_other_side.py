@@ -10,7 +10,7 @@ from plates import TOP_M, plate
 from scenes import AXIS
 
 from flatcloth.core.config import Config
-from flatcloth.segmentation.observed import gather_evidence, observe
+from flatcloth.segmentation.observed import gather_evidence
 from flatcloth.segmentation.other_side import _opposite_share, other_side
 from flatcloth.segmentation.relations import SignedGraph
 from flatcloth.segmentation.settings import SegmentationConfig
@@ -20,7 +20,7 @@ VIEWS = plate()
 
 @pytest.fixture(scope="module")
 def observed():
-    return observe(gather_evidence([view.frame for view in VIEWS], AXIS, TOP_M, Config()))
+    return gather_evidence([view.frame for view in VIEWS], AXIS, TOP_M, Config())
 
 
 def test_the_back_of_a_plate_is_the_other_side_of_its_front(observed):
