@@ -1118,6 +1118,7 @@ export interface JointInfo {
   ends_uv_m: [[number, number], [number, number]][];
   length_m: number[];
   seam_xyz_m: [number, number, number][];
+  part_xyz_m: [number, number, number][];
   views: HeldByView[];
   places: Place[];
 }

@@ -16,6 +16,7 @@ import {
   taken,
 } from "./dom.js";
 import { tipOf } from "./format.js";
+import { stepOf } from "../active/panel.js";
 import { LAYERS, layerAction } from "../canvas/look.js";
 import { PagePart } from "./page.js";
 import { actionSection, keySection, showKeys } from "./keys.js";
@@ -63,7 +64,10 @@ export class Toolbar extends PagePart {
     setPressed(buttonOf("auto"), state.auto.running);
     setTitle("auto", state.auto.running ? "Stop Auto" : "Auto");
     showSteps(byId("increment"), state.settings);
-    const main = { deciding: "accept", ready: state.active ? "" : "step" }[state.phase];
+    setTitle("step", stepOf(state.active));
+    const asks = state.active ? state.active.angle_deg !== null : false;
+    const main =
+      asks && !state.pending ? "step" : { deciding: "accept", ready: state.active ? "" : "step" }[state.phase];
     for (const name of ["step", "accept"]) {
       buttonOf(name).classList.toggle("primary", name === main && !state.auto.running);
     }
