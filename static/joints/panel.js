@@ -76,6 +76,7 @@ export class JointsPanel extends PagePart {
 
   update(/** @type {State} */ state) {
     this.section.hidden = !this.shown || !state.layers || state.mode === "camera";
+    if (state.phase === "finished" && state.layers) this.want(); // what is doubtful is said at the end
     if (this.section.hidden) return;
     this.want();
     const at = this.held ? this.options?.at(this.canvas.motion) : null;
@@ -328,7 +329,7 @@ export class JointsPanel extends PagePart {
     if (joint && this.held && canvas.isMoved) {
       drawMoved(canvas, style, joint.outline_uv_m, canvas.motion);
       const told = canvas.gesture ? this.fit : `${this.decision}${hasKeys() ? " (A)" : ""}?`;
-      drawCaption(canvas, style, told, this.options?.loopsAt(canvas.motion).flat() ?? []);
+      drawCaption(canvas, style, told);
     }
     this.drawAt([0, 0, 0], "--accent");
     const seams = joints.map((each) => ({ at: this.seamOf(each), doubted: each.weak }));

@@ -4,7 +4,6 @@ import { ask, post } from "../page/connection.js";
 import { button, byId, find, make, rebuild, showWords } from "../page/dom.js";
 import { cm2, count, number } from "../page/format.js";
 import { applyTheme } from "../page/theme.js";
-import { answerDrops } from "./drop.js";
 
 /** @type {Record<string, string>} */
 const WORDS = { recording: "recording", session: "session", file: "file", folder: "folder ›" };
@@ -220,7 +219,6 @@ function showCamera(/** @type {boolean} */ failed) {
 
 byId("unloaded").remove();
 applyTheme();
-answerDrops();
 showCamera(false);
 /** @type {Places & { error?: string }} */
 const places = await answerTo(ask("start/places.json"));

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from conftest import Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
+from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
@@ -252,7 +253,11 @@ def test_lessons_follow_a_cell_that_turns(open_tab):
     page.keyboard.press("Escape")
     for view in (1, 2):
         tab.until("flatcloth.state.active.angle_deg !== null && !flatcloth.state.active.turning")
-        page.get_by_role("button", name="Turn and look").click()
+        expect(page.locator("#hint")).to_contain_text("Press Turn and look (S): the cell turns the item by")
+        if view == 1:
+            page.get_by_role("button", name="Turn and look").click()
+        else:
+            page.keyboard.press("s")
         tab.until(f"flatcloth.state.pending?.view_index === {view} && flatcloth.overlayRevision > 0")
         tab.accept()
     tab.until("flatcloth.state.active.views === 3 && flatcloth.state.active.angle_deg !== null")
