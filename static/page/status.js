@@ -73,6 +73,7 @@ function nextOf(state, doubt) {
   const { running, waits_for, ended, until } = state.auto;
   if (state.trouble || waits_for) return state.trouble || waits_for;
   const auto = running ? `Auto goes on ${until}. ` : "";
+  const at = running ? "Auto: " : "";
   if (state.active && ["ready", "finished"].includes(state.phase)) return auto + task(state.active);
   if (auto && state.phase !== "computing") return auto;
   if (ended && state.phase === "ready") return `Auto has ended: ${ended} Step (S) goes on.`;
@@ -81,8 +82,8 @@ function nextOf(state, doubt) {
     case "computing":
       if (!request || request.kind === "start") return "Choosing and flattening the start view.";
       if (request.kind === "follow") return `Laying ${angle(request.view_index)} on the changed shape.`;
-      if (request.view_index === null) return `${auto}Looking for the next view.`;
-      return `${auto}Laying ${angle(request.view_index)} on the shape.`;
+      if (request.view_index === null) return `${at}Looking for the next view.`;
+      return `${at}Laying ${angle(request.view_index)} on the shape.`;
     case "deciding": {
       if (!pending) return "";
       const waiting = n_later ? ` Then ${count(n_later, "later view")} follow${n_later === 1 ? "s" : ""}.` : "";

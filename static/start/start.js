@@ -106,7 +106,7 @@ function aboutSession(summary, of = null) {
   const { garment, area_cm2, floating_cm2, views, ended } = summary;
   const floats = floating_cm2 >= 1 ? `, ${number(floating_cm2, 0)} float` : "";
   return [
-    `${garment.replaceAll("_", " ") || "garment not known"} · ${cm2(area_cm2)}${floats}`,
+    `${garment && `${garment.replaceAll("_", " ")} · `}${cm2(area_cm2)}${floats}`,
     `${of === null ? count(views, "view") : `${views} of ${count(of, "view")}`} · ${ended ? "ended" : "not ended"}`,
   ];
 }
