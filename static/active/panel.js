@@ -13,7 +13,6 @@ export class ActivePanel extends PagePart {
     const section = byId("active");
     section.hidden = !status;
     if (!status) return;
-    section.dataset.state = stateOf(status);
     rebuild(section, [status, state.garment?.found?.points], () => this.parts(status));
   }
 
@@ -22,7 +21,6 @@ export class ActivePanel extends PagePart {
       heading("Active loop", make("span.quiet-text", { tip: status.folder }, status.source)),
       field("Goal", this.goals(status)),
       make("p.quiet-text", `${count(status.views, "view")}; budget ${status.budget}.`),
-      make("p#active-task.active-task", { role: "status" }, task(status)),
       make("p.quiet-text", status.why && `Expected: ${status.why}.`),
       make("p#active-knows.active-knows", `Known: ${status.knows.replaceAll("_", " ")}`),
       make(
@@ -56,11 +54,6 @@ export class ActivePanel extends PagePart {
       change: ({ target }) => this.page.send({ type: "aim", goal: target.value }),
     });
   }
-}
-
-function stateOf(/** @type {ActiveStatus} */ status) {
-  if (status.end !== null) return status.reached ? "reached" : "ended";
-  return status.turning || status.waiting ? "waiting" : "asking";
 }
 
 /** What Step does, where a loop asks for views. */

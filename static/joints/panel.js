@@ -274,7 +274,7 @@ export class JointsPanel extends PagePart {
   /** How the part fits where it is shown; found once for each place. */
   get fit() {
     const { joint, canvas, place } = this;
-    if (!joint || !place.place === place.cut) return ""; // cut off, it lies nowhere
+    if (!joint || (place.cut && !place.place)) return ""; // cut off, it lies nowhere
     const key = `${canvas.layer.shown?.address} ${this.chosen} ${canvas.motion}`;
     if (this.fitted.key !== key) {
       const colorAt = this.page.layer === "color" ? canvas.layer.colorAt : null;

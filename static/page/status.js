@@ -73,7 +73,7 @@ function nextOf(state, doubt) {
   const { running, waits_for, ended, until } = state.auto;
   if (state.trouble || waits_for) return state.trouble || waits_for;
   const auto = running ? `Auto goes on ${until}. ` : "";
-  const at = running ? "Auto: " : "";
+  const at = running ? "Auto is on. " : "";
   if (state.active && ["ready", "finished"].includes(state.phase)) return auto + task(state.active);
   if (auto && state.phase !== "computing") return auto;
   if (ended && state.phase === "ready") return `Auto has ended: ${ended} Step (S) goes on.`;

@@ -41,9 +41,8 @@ export class Toolbar extends PagePart {
     setPressed(buttonOf("auto"), state.auto.running);
     setTitle("auto", state.auto.running ? "Stop Auto" : "Auto");
     setTitle("step", stepOf(state.active));
-    const asks = state.active ? state.active.angle_deg !== null : false;
-    const main =
-      asks && !state.pending ? "step" : { deciding: "accept", ready: state.active ? "" : "step" }[state.phase];
+    const asks = state.active ? state.active.angle_deg !== null : state.phase === "ready";
+    const main = state.pending ? "accept" : asks ? "step" : "";
     for (const name of ["step", "accept"]) {
       buttonOf(name).classList.toggle("primary", name === main && !state.auto.running);
     }
