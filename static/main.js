@@ -35,7 +35,6 @@ import { ReviewList } from "./review/list.js";
 import { ResultPanel } from "./review/result.js";
 import { Timeline } from "./review/timeline.js";
 import { Verdicts } from "./review/verdicts.js";
-import { answerDrops } from "./start/drop.js";
 import { loadFrame } from "./teaching/frame.js";
 import { Teaching } from "./teaching/teaching.js";
 
@@ -281,7 +280,6 @@ byId("cancel").addEventListener("click", () => run("cancel"));
 onTheme(() => page.redrawMarks()); // their colours are those of the theme
 applyTheme();
 startTips();
-answerDrops();
 startScene(startKeys({ state: () => page.state, modes: modesNow, mayMove, run }));
 page.each("hovered", null);
 

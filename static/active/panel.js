@@ -1,7 +1,7 @@
 // The active loop: what is to be known, the next angle with what is expected of it, and what the last turns brought.
 
 import { PagePart } from "../page/page.js";
-import { button, byId, choice, field, heading, make, rebuild, setAllowed } from "../page/dom.js";
+import { byId, choice, field, heading, make, rebuild } from "../page/dom.js";
 import { count, degrees } from "../page/format.js";
 
 export class ActivePanel extends PagePart {
@@ -13,7 +13,6 @@ export class ActivePanel extends PagePart {
     const section = byId("active");
     section.hidden = !status;
     if (!status) return;
-    section.dataset.state = stateOf(status);
     rebuild(section, [status, state.garment?.found?.points], () => this.parts(status));
   }
 
@@ -22,10 +21,8 @@ export class ActivePanel extends PagePart {
       heading("Active loop", make("span.quiet-text", { tip: status.folder }, status.source)),
       field("Goal", this.goals(status)),
       make("p.quiet-text", `${count(status.views, "view")}; budget ${status.budget}.`),
-      make("p#active-task.active-task", { role: "status" }, task(status)),
       make("p.quiet-text", status.why && `Expected: ${status.why}.`),
       make("p#active-knows.active-knows", `Known: ${status.knows.replaceAll("_", " ")}`),
-      status.turns_itself && this.turnButton(status),
       make(
         "ol.active-steps",
         { label: "What the last views brought" },
@@ -57,37 +54,23 @@ export class ActivePanel extends PagePart {
       change: ({ target }) => this.page.send({ type: "aim", goal: target.value }),
     });
   }
-
-  turnButton(/** @type {ActiveStatus} */ status) {
-    const look = button(
-      status.is_simulated ? "Turn and look" : "It is there: look",
-      () => this.page.send({ type: "capture", action: "turned" }),
-      {
-        class: "primary",
-        key: "active-turn",
-        tip: status.is_simulated
-          ? "Turn the item to the next angle and take a view. Auto does it by itself."
-          : "The item stands at this angle: take a view once it hangs still.",
-      },
-    );
-    look.id = "active-turn";
-    setAllowed(look, status.angle_deg === null || status.turning ? task(status) : null, look.dataset.tip ?? "");
-    return look;
-  }
 }
 
-function stateOf(/** @type {ActiveStatus} */ status) {
-  if (status.end !== null) return status.reached ? "reached" : "ended";
-  return status.turning || status.waiting ? "waiting" : "asking";
-}
+/** What Step does, where a loop asks for views. */
+export const stepOf = (/** @type {ActiveStatus | null | undefined} */ status) =>
+  !status ? "Step" : status.is_simulated ? "Turn and look" : "It is there: look";
 
 /** What is to be done now, in one line. */
 export function task(/** @type {ActiveStatus} */ status) {
-  if (status.end !== null) return status.end;
-  if (status.turning)
-    return status.is_simulated
-      ? "The item is turned, and a view is taken."
-      : "A view is taken once the item hangs still.";
-  if (status.angle_deg === null) return status.waiting;
-  return `Turn by ${degrees(status.turn_deg ?? 0, 0)}, to ${degrees(status.angle_deg, 0)}.`;
+  const { end, turning, angle_deg: angle, turn_deg: turn, turns_itself, is_simulated } = status;
+  if (end !== null) return end;
+  if (turning && is_simulated) return "The item is turned, and a view is taken.";
+  if (turning) return "A view is taken once the item hangs still.";
+  if (angle === null) return status.waiting;
+  const by = `${degrees(turn ?? 0, 0)}, to ${degrees(angle, 0)}`;
+  if (!turns_itself) return `A robot turns the item by ${by}.`;
+  const press = `${stepOf(status)} (S)`;
+  return is_simulated
+    ? `Press ${press}: the cell turns the item by ${by}.`
+    : `Turn the item by ${by}; then press ${press}.`;
 }

@@ -1,7 +1,6 @@
 // The page of a batch: what is chosen, sorted, filtered and decided; served, verdicts are kept.
 
 import { showDetails } from "./details.js";
-import { makeHistograms } from "./histograms.js";
 import { Table } from "./table.js";
 import { post } from "../page/connection.js";
 import { byId, make, optionsOf, setText } from "../page/dom.js";
@@ -52,15 +51,6 @@ const every = data.columns.map(({ name, kind, meaning }) => {
 });
 
 const named = new Map(every.map((column) => [column.name, column]));
-const HISTOGRAMS = [
-  "reliability",
-  "coverage_estimate",
-  "area_cm2",
-  "uncertainty_mm",
-  "floating_cm2",
-  "seconds",
-  "peak_memory_mb",
-];
 
 // --- the table -------------------------------------------------------------------------------
 
@@ -113,13 +103,6 @@ const filters = {
   review: byId("review"),
   garment: /** @type {HTMLSelectElement} */ (byId("garment")),
 };
-const histograms = makeHistograms(
-  byId("histograms"),
-  HISTOGRAMS.map((name) => /** @type {Column} */ (named.get(name))),
-  rows,
-  refresh,
-);
-
 const fill = (/** @type {HTMLElement} */ select, /** @type {string[][]} */ values) =>
   select.append(...optionsOf([["", "all"], ...values], ""));
 
@@ -162,10 +145,8 @@ function compare(/** @type {Row} */ a, /** @type {Row} */ b) {
 }
 
 function refresh() {
-  const matching = rows.filter(matches);
-  const shown = matching.filter((row) => histograms.keeps(row)).sort(compare);
+  const shown = rows.filter(matches).sort(compare);
   table.show(shown, sort);
-  histograms.draw((except) => matching.filter((row) => histograms.keeps(row, except)));
   byId("shown").textContent = `${shown.length} of ${rows.length} shown`;
   state.shown = shown.length;
   state.revision += 1;
@@ -241,7 +222,6 @@ byId("copy").addEventListener("click", () => navigator.clipboard?.writeText(byId
 
 function clearFilters() {
   for (const filter of Object.values(filters)) filter.value = "";
-  histograms.clear();
   refresh();
 }
 

@@ -8,6 +8,7 @@ import { Picture } from "./picture.js";
 const BLINK_MS = 450;
 const WIPE_STEP = 0.02;
 const PALE = 0.25;
+const OPACITY = 0.7; // of the proposal on the shape
 
 /** Actions in the order of their buttons, the mode that each means, its label. @type {[string, string, string][]} */
 const MODES = [
@@ -27,7 +28,6 @@ export class Comparison extends PagePart {
   actions = Object.fromEntries(MODES.map(([name, mode]) => [name, () => this.choose(mode)]));
   mode = "both";
   kind = "color";
-  opacity = 0.7;
   share = 0.5; // of the pane's width, where the wipe stands
   showsProposal = true;
   legends = /** @type {Record<string, Legend> | null} */ (null);
@@ -68,11 +68,6 @@ export class Comparison extends PagePart {
       }, BLINK_MS);
     }
     this.page.changed();
-  }
-
-  setOpacity(/** @type {number} */ value) {
-    this.opacity = value;
-    this.canvas.redraw();
   }
 
   get pressed() {
@@ -133,7 +128,7 @@ export class Comparison extends PagePart {
         return this.paintDifference(canvas);
       default:
         canvas.drawShape();
-        if (this.showsProposal) canvas.drawProposal(this.mode === "blink" ? 1 : this.opacity, true);
+        if (this.showsProposal) canvas.drawProposal(this.mode === "blink" ? 1 : OPACITY, true);
     }
   }
 
@@ -141,7 +136,7 @@ export class Comparison extends PagePart {
     const { context } = canvas;
     if (canvas.isMoved || !this.heat.shown) {
       canvas.drawShape();
-      return canvas.drawProposal(this.opacity, true);
+      return canvas.drawProposal(OPACITY, true);
     }
     context.globalAlpha = PALE;
     canvas.drawShape();

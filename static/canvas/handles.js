@@ -3,10 +3,10 @@
 
 import { applied, boxOf, unapplied } from "./geometry.js";
 import { drawLabel, drawRing, strokeLine, strokeRimmed, traceCross } from "./marks.js";
-import { byId, rebuild, smallButton } from "../page/dom.js";
+import { byId, hasKeys, rebuild, smallButton } from "../page/dom.js";
 import { mm } from "../page/format.js";
 
-const REACH_PX = matchMedia("(pointer: coarse)").matches ? 24 : 13;
+const REACH_PX = hasKeys() ? 13 : 24; // of a mouse or a finger
 const ABOVE_PX = 26; // of the ring over the proposal
 const LABEL_PX = 26; // of a ghost, below its middle
 const SNAP_PX = 16;

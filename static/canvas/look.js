@@ -139,6 +139,7 @@ export class Looking extends PagePart {
 
   toggle() {
     this.open = !this.open;
+    byId("look").hidden = !this.open; // before the column asks what there is
     this.page.changed();
     if (this.open) find("button", byId("look"))?.focus();
   }

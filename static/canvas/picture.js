@@ -40,11 +40,17 @@ export class Picture {
 
   /** Whether the picture is opaque at a place of the plane. */
   covers(/** @type {number} */ u, /** @type {number} */ v) {
-    const { shown } = this;
-    if (!shown) return false;
-    shown.alpha ??= alphaOf(shown.image instanceof Pyramid ? shown.image.at(1) : shown.image);
-    return shown.alpha[pixelAt(shown.grid, u, v)] > 0;
+    return this.colorAt(u, v)[3] > 0;
   }
+
+  /** Red, green, blue and opacity at a place of the plane; nothing beyond the picture. */
+  colorAt = (/** @type {number} */ u, /** @type {number} */ v) => {
+    const { shown } = this;
+    const at = shown ? 4 * pixelAt(shown.grid, u, v) : -1;
+    if (!shown || at < 0) return [];
+    shown.pixels ??= pixelsOf(shown.image instanceof Pyramid ? shown.image.at(1) : shown.image);
+    return shown.pixels.subarray(at, at + 4);
+  };
 }
 
 /** The outermost pixels of a picture's opaque part, in a colour. */
@@ -63,12 +69,9 @@ export function outlineOf(/** @type {Drawable} */ image, color = OUTLINE) {
   return outline.canvas;
 }
 
-function alphaOf(/** @type {Drawable} */ image) {
+function pixelsOf(/** @type {Drawable} */ image) {
   const { width, height } = image;
   const context = contextOf(new OffscreenCanvas(width, height), { willReadFrequently: true });
   context.drawImage(image, 0, 0);
-  const { data } = context.getImageData(0, 0, width, height);
-  const alpha = new Uint8Array(width * height);
-  for (let i = 0; i < alpha.length; i++) alpha[i] = data[4 * i + 3];
-  return alpha;
+  return context.getImageData(0, 0, width, height).data;
 }

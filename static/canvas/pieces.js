@@ -54,18 +54,21 @@ export function drawMoved(canvas, style, loops, by) {
 }
 
 /**
- * A text below places of the plane, within the pane.
+ * A text below places of the plane, within the pane; of no place at its top. What is too wide is in lines.
  * @param {FlatCanvas} canvas @param {Style} style @param {string} text @param {UV[]} places
  */
-export function drawCaption(canvas, style, text, places) {
+export function drawCaption(canvas, style, text, places = []) {
   const { context } = canvas;
   const at = places.map(([u, v]) => canvas.transform.toPane(u, v));
   context.font = FONT;
   context.textBaseline = "middle";
-  const width = context.measureText(text).width + 12;
-  const x = within(Math.min(...at.map((place) => place.x)), 0, canvas.width - width);
-  const y = within(Math.max(...at.map((place) => place.y)) + 4, 0, canvas.height - 20);
-  drawLabel(context, style, text, [x + 6, y + 10], [x, y, width, 20]);
+  const widthOf = (/** @type {string} */ line) => context.measureText(line).width + 12;
+  const lines = widthOf(text) > canvas.width ? text.split(", ") : [text];
+  const width = Math.max(...lines.map(widthOf));
+  const left = at.length ? Math.min(...at.map((place) => place.x)) : (canvas.width - width) / 2;
+  const x = within(left, 0, canvas.width - width);
+  const y = within(Math.max(0, ...at.map((place) => place.y)) + 4, 0, canvas.height - 20 * lines.length);
+  lines.forEach((line, n) => drawLabel(context, style, line, [x + 6, y + 20 * n + 10], [x, y + 20 * n, width, 20]));
 }
 
 /** @typedef {{ x: number; top: number; right: number }} Tag */

@@ -7,7 +7,7 @@ import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
 import { shapeOf } from "../canvas/overlap.js";
 import { drawCaption, drawMoved } from "../canvas/pieces.js";
 import { askJson, Fetched } from "../page/connection.js";
-import { byId, closeButton, heading, make, rebuild, setText, smallButton, swatch } from "../page/dom.js";
+import { byId, closeButton, hasKeys, heading, make, rebuild, setText, smallButton, swatch } from "../page/dom.js";
 import { cm2, count, number } from "../page/format.js";
 import { fitOf, holds, JointOptions } from "./places.js";
 
@@ -25,6 +25,7 @@ export class JointsPanel extends PagePart {
   chosen = /** @type {number | null} */ (null);
   options = /** @type {JointOptions | null} */ (null); // where the part of the chosen one may lie
   notice = ""; // about the place that was clicked
+  fitted = { key: "", text: "" };
   actions = { joints: () => this.toggle(), joint_next: () => this.next(), joint_decide: () => this.decide() };
   section = byId("joints");
 
@@ -75,11 +76,25 @@ export class JointsPanel extends PagePart {
 
   update(/** @type {State} */ state) {
     this.section.hidden = !this.shown || !state.layers || state.mode === "camera";
+    if (state.phase === "finished" && state.layers) this.want(); // what is doubtful is said at the end
     if (this.section.hidden) return;
     this.want();
     const at = this.held ? this.options?.at(this.canvas.motion) : null;
     rebuild(this.section, [this.found, this.chosen, at, this.notice, state.drawing], () => this.build(state.drawing));
     this.showFit();
+  }
+
+  /** What most doubtful cloth hangs on, in words; "": nothing is doubtful. */
+  get doubt() {
+    const joint = this.joints.find(({ weak }) => weak);
+    if (!joint) return "";
+    const right = `${number(100 * joint.probability, 1)} %`;
+    return `${cm2(joint.area_cm2)} hang on one joint that is right with a probability of ${right}`;
+  }
+
+  /** What is asked about the part that is held. */
+  get question() {
+    return `Where does this part lie? ${this.decision} (A), show the next place (.), or drag its ring or its cross.`;
   }
 
   // --- the panel ---------------------------------------------------------------------------------
@@ -161,15 +176,16 @@ export class JointsPanel extends PagePart {
         make("small", share),
       );
     return [
-      make("p.note", "Where does it lie? Turn it by the ring, shift it by the cross; or [ ] and the arrows."),
       make("div.places", { role: "group", label: "Where the part lies" }, ...options.all.map(row)),
       make("p#joint-fit.note", { role: "status" }),
-      make(
-        "div.group",
-        this.page.smallButton("joint_decide", options.all[at]?.decide ?? "Place it here"),
-        this.page.smallButton("joint_next"),
-      ),
+      make("div.group", this.decideButton(), this.page.smallButton("joint_next")),
     ];
+  }
+
+  decideButton() {
+    const button = this.page.smallButton("joint_decide", this.decision);
+    button.classList.toggle("primary", this.canvas.isMoved);
+    return button;
   }
 
   view(/** @type {JointInfo["views"][number]} */ { view_index, angle_deg, pairs, residual_mm, rc }) {
@@ -230,12 +246,24 @@ export class JointsPanel extends PagePart {
     this.look((options.at(canvas.motion) + 1) % options.all.length);
   }
 
+  /** The place that is shown, one of those that are known or another. */
+  get place() {
+    const { options, canvas } = this;
+    const known = options?.all[options.at(canvas.motion)];
+    return known ?? { decide: "Place it here", cut: true, place: canvas.motion };
+  }
+
+  /** What deciding for it means. */
+  get decision() {
+    return this.place.decide;
+  }
+
   /** Decide that the part lies where it is shown. */
   decide() {
-    const { options, canvas, chosen, found, page } = this;
-    if (!this.held || !options || chosen === null) return;
+    const { chosen, found, page } = this;
+    if (!this.held || chosen === null) return;
     if (page.state.drawing || !found) return page.notify("info", "The shape is being drawn; wait a moment.");
-    const { cut, place } = options.all[options.at(canvas.motion)] ?? { cut: true, place: canvas.motion };
+    const { cut, place } = this.place;
     page.send({ type: "decide_joint", revision: found.revision, index: chosen, cut, place });
   }
 
@@ -243,11 +271,16 @@ export class JointsPanel extends PagePart {
     if (this.held) this.page.changed();
   }
 
-  /** How the part fits where it is shown. */
+  /** How the part fits where it is shown; found once for each place. */
   get fit() {
-    const { joint, options, canvas } = this;
-    if (!joint || !options || options.at(canvas.motion) === options.all.length - 1) return ""; // nowhere
-    return fitOf(joint, canvas.motion, shapeOf(this.page));
+    const { joint, canvas, place } = this;
+    if (!joint || (place.cut && !place.place)) return ""; // cut off, it lies nowhere
+    const key = `${canvas.layer.shown?.address} ${this.chosen} ${canvas.motion}`;
+    if (this.fitted.key !== key) {
+      const colorAt = this.page.layer === "color" ? canvas.layer.colorAt : null;
+      this.fitted = { key, text: fitOf(joint, canvas.motion, shapeOf(this.page), colorAt) };
+    }
+    return this.fitted.text;
   }
 
   showFit() {
@@ -295,8 +328,8 @@ export class JointsPanel extends PagePart {
     if (!this.shown || this.page.hasCamera || canvas.side === "other") return;
     if (joint && this.held && canvas.isMoved) {
       drawMoved(canvas, style, joint.outline_uv_m, canvas.motion);
-      const { fit, options } = this;
-      if (fit && options && canvas.gesture) drawCaption(canvas, style, fit, options.loopsAt(canvas.motion).flat());
+      const told = canvas.gesture ? this.fit : `${this.decision}${hasKeys() ? " (A)" : ""}?`;
+      drawCaption(canvas, style, told);
     }
     this.drawAt([0, 0, 0], "--accent");
     const seams = joints.map((each) => ({ at: this.seamOf(each), doubted: each.weak }));
@@ -312,7 +345,10 @@ export class JointsPanel extends PagePart {
 
   /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
   drawInScene(context, style, place) {
-    if (this.joint) drawSeamInScene(context, style, this.joint.seam_xyz_m, place);
+    if (!this.joint) return;
+    context.fillStyle = style.getPropertyValue("--warn");
+    for (const at of this.joint.part_xyz_m.map(place)) if (at) context.fillRect(at.x - 1, at.y - 1, 2, 2);
+    drawSeamInScene(context, style, this.joint.seam_xyz_m, place);
   }
 }
 

@@ -4,10 +4,12 @@
 import { applied, boxOfPoints, unapplied } from "../canvas/geometry.js";
 import { TITLES } from "../canvas/handles.js";
 import { areaWhere } from "../canvas/overlap.js";
+import { WAYS } from "../page/dom.js";
 import { cm2, number, percent } from "../page/format.js";
 
 const ASIDE_M = 0.08; // a part of which no other place is known is shown so far off
 const STEP_M = 0.002; // at which gaps are looked for
+const ACROSS_M = 0.004; // from the outline of a part to the cloth that is compared on either side
 const SAME = 1e-6;
 const LEAST = 0.005; // what is less probable is shown when it is asked for
 
@@ -75,10 +77,12 @@ const option = (title, probability, motion, decide, cut = true) => {
 
 /**
  * How a part fits, moved by so much: what the pairs across its joint are off, the widest gap between their ends, and
- * how much of it lies on other cloth; `covers` tells where there is cloth.
+ * how much of it lies on other cloth; `covers` tells where there is cloth, `colorAt` in which colour: then also by how
+ * much that differs across the part's outline.
  * @param {JointInfo} joint @param {Motion} by @param {(u: number, v: number) => boolean} covers
+ * @param {((u: number, v: number) => Numbers) | null} colorAt
  */
-export function fitOf(joint, by, covers) {
+export function fitOf(joint, by, covers, colorAt) {
   const isPart = (/** @type {UV} */ [u, v]) => holds(joint, u, v) && covers(u, v);
   const isRest = (/** @type {number} */ u, /** @type {number} */ v) => covers(u, v) && !holds(joint, u, v);
   let gap = 0;
@@ -94,7 +98,28 @@ export function fitOf(joint, by, covers) {
   }
   const box = boxOfPoints(joint.outline_uv_m.flat(2));
   const overlap = cm2(areaWhere(box, (u, v) => isPart([u, v]) && isRest(...applied(by, u, v))));
-  return `Pairs ${number(offOf(joint, by))} mm off, gap ${number(1000 * gap, 0)} mm, ${overlap} on other cloth`;
+  const texture = colorAt && textureOf(joint, by, isPart, isRest, colorAt);
+  const apart = texture === null ? "" : `texture ${number(texture, 0)} of 255, `;
+  return `Pairs ${number(offOf(joint, by))} mm off, gap ${number(1000 * gap, 0)} mm, ${apart}${overlap} on other cloth`;
+}
+
+/**
+ * Mean difference of the colours on both sides of a part's outline, where it meets other cloth; null: nowhere.
+ * @param {JointInfo} joint @param {Motion} by @param {(uv: UV) => boolean} isPart
+ * @param {(u: number, v: number) => boolean} isRest @param {(u: number, v: number) => Numbers} colorAt
+ */
+function textureOf({ outline_uv_m }, by, isPart, isRest, colorAt) {
+  let [sum, n] = [0, 0];
+  for (const [u, v] of outline_uv_m.flat())
+    for (const [right, down] of Object.values(WAYS)) {
+      const inner = /** @type {UV} */ ([u - ACROSS_M * right, v - ACROSS_M * down]);
+      const outer = applied(by, u + ACROSS_M * right, v + ACROSS_M * down);
+      if (!isPart(inner) || !isRest(...outer)) continue;
+      const [own, other] = [colorAt(...inner), colorAt(...outer)];
+      for (let i = 0; i < 3; i++) sum += Math.abs(own[i] - other[i]) / 3;
+      n += 1;
+    }
+  return n ? sum / n : null;
 }
 
 /** Median of what the distances of pairs are off their lengths (mm). @param {JointInfo} joint @param {Motion} by */

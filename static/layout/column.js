@@ -26,7 +26,6 @@ const PARTS = [
   ["both-sides", "Sides", ["both-sides"], ["turn_over", "beside", "seams"]],
   ["joints", "Joined", ["joints"], ["joints", "joint_next"]],
   ["sides", "Strokes", ["sides"], STROKES],
-  ["done", "Done", ["done"], ["history"]],
   ["look", "Look", ["look"], ["look"]],
 ];
 
@@ -133,7 +132,7 @@ export class Column extends PagePart {
 }
 
 const HELD = "Position x y z in the object frame";
-const ONLY_SHOWN = ["result", "look", "joints", "history"]; // actions that do nothing else
+const ONLY_SHOWN = ["result", "look", "joints"]; // actions that do nothing else
 
 /** What the page is at, and the part that it needs. @returns {[moment: string, part: string]} */
 function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts) {

@@ -34,6 +34,9 @@ export const targetOf = (/** @type {Event} */ event) => /** @type {HTMLElement} 
 export const staysIn = (/** @type {Element} */ element, /** @type {FocusEvent | PointerEvent} */ event) =>
   element.contains(/** @type {Node | null} */ (event.relatedTarget));
 
+/** Whether there is a keyboard: keys are not named where there is none. */
+export const hasKeys = () => !matchMedia("(pointer: coarse)").matches;
+
 /** Keep an event from the browser, and from what else listens to it. */
 export function taken(/** @type {Event} */ event) {
   event.preventDefault();

@@ -144,13 +144,6 @@ export interface SetGrip {
   opening_m?: number | null;
 }
 
-/** Undo or redo until ``done`` of the decisions are done; ``of`` are those that were listed, in number. */
-export interface GoTo {
-  type: "go_to";
-  done: number;
-  of: number;
-}
-
 /** Switch Auto on or off. */
 export interface SetAuto {
   type: "auto";
@@ -325,7 +318,6 @@ export type ClientMessage =
   | RenamePick
   | DeletePick
   | SetGrip
-  | GoTo
   | SetAuto
   | Set
   | SetAxis
@@ -374,8 +366,6 @@ export interface PageState {
   finished: string | null;
   undo: string | null;
   redo: string | null;
-  done: string[];
-  undone: string[];
   n_later: number;
   request: AwaitedRequest | null;
   progress: Progress | null;
@@ -1117,6 +1107,7 @@ export interface JointInfo {
   ends_uv_m: [[number, number], [number, number]][];
   length_m: number[];
   seam_xyz_m: [number, number, number][];
+  part_xyz_m: [number, number, number][];
   views: HeldByView[];
   places: Place[];
 }

@@ -1,6 +1,6 @@
 // viser's page in its frame: theme, reload after a lost connection, keys, and what it cannot show.
 
-import { byId, graphicsOf, isWithoutCard, NO_GRAPHICS, sayWhenLost, showWords } from "./dom.js";
+import { byId, graphicsOf, hasKeys, isWithoutCard, NO_GRAPHICS, sayWhenLost, showWords } from "./dom.js";
 import { notify } from "./notices.js";
 import { isDark, onTheme } from "./theme.js";
 
@@ -19,7 +19,7 @@ export function startScene(/** @type {(event: KeyboardEvent) => void} */ onKeyDo
     frame.contentWindow?.addEventListener("keydown", onKeyDown, true);
     if (frame.contentWindow) sayWhenLost(frame.contentWindow, byId("scene-empty"));
     if (!frame.contentDocument?.getElementById("root") || localStorage.getItem(SEEN)) return; // no scene, or known
-    if (isWithoutCard()) notify("info", SOFTWARE);
+    if (isWithoutCard() && hasKeys()) notify("info", SOFTWARE);
     localStorage.setItem(SEEN, "yes");
   });
   onTheme(() => loadScene(false));

@@ -2,7 +2,7 @@
 
 import { PagePart } from "./page.js";
 import { task } from "../active/panel.js";
-import { byId, closeButton, make, rebuild, setText } from "./dom.js";
+import { byId, closeButton, hasKeys, make, rebuild, setText } from "./dom.js";
 import { cm2, count, endOf, floatingOf, number } from "./format.js";
 
 const BUSY_AFTER_MS = 250;
@@ -20,7 +20,7 @@ export class StatusLines extends PagePart {
     document.title = `${name} · flatcloth`;
     byId("live").hidden = state.mode !== "camera";
     byId("hint").hidden = state.mode === "camera";
-    setText(byId("hint"), hint(this.page.thisSide)); // of this side, also while the garment is turned over
+    setText(byId("hint"), hint(this.page)); // of this side, also while the garment is turned over
     this.showProgress(state.progress);
     this.showNotes(state);
     this.showBusy(Boolean(state.drawing));
@@ -61,17 +61,19 @@ export class StatusLines extends PagePart {
 }
 
 /** What to do next, in a line; without the keys where there are none. */
-function hint(/** @type {State} */ state) {
-  const text = nextOf(state);
-  return matchMedia("(pointer: coarse)").matches ? text.replace(/ \((Shift\+)?[A-Z]\)/g, "") : text;
+function hint(/** @type {Page} */ { thisSide, joints }) {
+  const text = joints.held ? joints.question : nextOf(thisSide, joints.doubt);
+  return hasKeys() ? text : text.replace(/ \((Shift\+)?[A-Z.]\)/g, "");
 }
 
-function nextOf(/** @type {State} */ state) {
+/** @param {State} state @param {string} doubt about the shape */
+function nextOf(state, doubt) {
   const angle = (/** @type {number | null} */ i) => `view ${i} (${number(state.views[i ?? 0].angle_deg, 0)}°)`;
   const { request, pending, n_later } = state;
   const { running, waits_for, ended, until } = state.auto;
   if (state.trouble || waits_for) return state.trouble || waits_for;
   const auto = running ? `Auto goes on ${until}. ` : "";
+  const at = running ? "Auto is on. " : "";
   if (state.active && ["ready", "finished"].includes(state.phase)) return auto + task(state.active);
   if (auto && state.phase !== "computing") return auto;
   if (ended && state.phase === "ready") return `Auto has ended: ${ended} Step (S) goes on.`;
@@ -80,8 +82,8 @@ function nextOf(/** @type {State} */ state) {
     case "computing":
       if (!request || request.kind === "start") return "Choosing and flattening the start view.";
       if (request.kind === "follow") return `Laying ${angle(request.view_index)} on the changed shape.`;
-      if (request.view_index === null) return `${auto}Looking for the next view.`;
-      return `${auto}Laying ${angle(request.view_index)} on the shape.`;
+      if (request.view_index === null) return `${at}Looking for the next view.`;
+      return `${at}Laying ${angle(request.view_index)} on the shape.`;
     case "deciding": {
       if (!pending) return "";
       const waiting = n_later ? ` Then ${count(n_later, "later view")} follow${n_later === 1 ? "s" : ""}.` : "";
@@ -89,10 +91,11 @@ function nextOf(/** @type {State} */ state) {
       return `${place}${pending.again ? " Undo (U) leaves it as it was." : ""}${waiting}`;
     }
     case "finished":
+      if (doubt) return `${endOf(state)}. ${doubt}: look why it is joined (Shift+Y).`;
       return (
-        `${endOf(state)}: ${state.finished ?? ""}` +
-        (state.sides ? " Without masks, some may be of the wrong side (see Result)." : "") +
-        " Click the cloth for a grasp point."
+        `${endOf(state)}. ` +
+        (state.sides ? "Without masks, some may be of the wrong side (see Result). " : "") +
+        "Click the cloth for a grasp point."
       );
     default:
       if (state.start_view === null) return "Press Step (S): the start view is chosen and flattened.";

@@ -1,21 +1,8 @@
 // The buttons: made from the server's table of actions, so that names, keys and reasons are one.
 
-import {
-  buttonOf,
-  byId,
-  field,
-  find,
-  findAll,
-  make,
-  optionsOf,
-  rebuild,
-  setAllowed,
-  setPressed,
-  slider,
-  staysIn,
-  taken,
-} from "./dom.js";
+import { buttonOf, byId, find, findAll, make, rebuild, setAllowed, setPressed, staysIn, taken } from "./dom.js";
 import { tipOf } from "./format.js";
+import { stepOf } from "../active/panel.js";
 import { LAYERS, layerAction } from "../canvas/look.js";
 import { PagePart } from "./page.js";
 import { actionSection, keySection, showKeys } from "./keys.js";
@@ -23,17 +10,8 @@ import { actionSection, keySection, showKeys } from "./keys.js";
 const CAMERA = ["capture_pause"];
 const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto"];
 /** @type {Record<string, string>} */
-const MORE = { reject: "reject_menu", auto: "auto_until" };
+const MORE = { reject: "reject_menu" };
 const PAGE = ["home", "teach", "export", "settings", "palette", "help"];
-/** @type {[number, number][]} */
-const STEPS = [
-  [0.5, 0.2],
-  [1, 0.5],
-  [2, 1],
-  [5, 2],
-]; // of the keys that move the proposal: mm, degrees
-const STEPS_TIP =
-  "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged.";
 /** @type {Record<string, string>} */
 const SIGNS = { zoom_out: "−", zoom_in: "+" };
 
@@ -62,8 +40,9 @@ export class Toolbar extends PagePart {
   updateSession(/** @type {State} */ state) {
     setPressed(buttonOf("auto"), state.auto.running);
     setTitle("auto", state.auto.running ? "Stop Auto" : "Auto");
-    showSteps(byId("increment"), state.settings);
-    const main = { deciding: "accept", ready: state.active ? "" : "step" }[state.phase];
+    setTitle("step", stepOf(state.active));
+    const asks = state.active ? state.active.angle_deg !== null : state.phase === "ready";
+    const main = state.pending ? "accept" : asks ? "step" : "";
     for (const name of ["step", "accept"]) {
       buttonOf(name).classList.toggle("primary", name === main && !state.auto.running);
     }
@@ -96,35 +75,12 @@ export class Toolbar extends PagePart {
   }
 
   buildOverlay() {
-    const page = this.page;
-    const steps = make("select#increment", {
-      key: "increment",
-      change: ({ target }) => {
-        const [step_mm, step_deg] = STEPS[Number(target.value)] ?? [];
-        page.send({ type: "set", values: { step_mm, step_deg } });
-      },
-    });
-    const opacity = slider([0, 1, 0.05], page.comparison.opacity, {
-      key: "opacity",
-      input: (event) => page.comparison.setOpacity(event.target.valueAsNumber),
-    });
+    const { page } = this;
     rebuild(byId("overlay-tools"), ["overlay"], () => [
-      this.page.button("diagnostics"),
-      make("details#compare", make("summary", "Compare"), page.comparison.buttons(), field("Opacity", opacity)),
-      field("Arrows, [ ]", steps, STEPS_TIP),
+      page.button("diagnostics"),
+      make("details#compare", make("summary", "Compare"), page.comparison.buttons()),
     ]);
   }
-}
-
-function showSteps(/** @type {HTMLElement} */ select, /** @type {State["settings"]} */ { step_mm, step_deg }) {
-  const now = STEPS.findIndex(([mm, deg]) => mm === step_mm && deg === step_deg);
-  const options = [...STEPS, ...(now < 0 ? [[step_mm, step_deg]] : [])];
-  rebuild(select, [step_mm, step_deg], () =>
-    optionsOf(
-      options.map(([mm, deg], i) => [i, `${mm} mm · ${deg}°`]),
-      now < 0 ? STEPS.length : now,
-    ),
-  );
 }
 
 /** Give the button of an action another title. @param {string} action @param {string} title */

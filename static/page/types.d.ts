@@ -185,7 +185,7 @@ declare global {
     box: Box;
     image: Drawable | Pyramid;
     address?: string;
-    alpha?: Uint8Array;
+    pixels?: Uint8ClampedArray;
     outline?: Pyramid;
   };
   /** Draws over the pictures of the flattened view. */

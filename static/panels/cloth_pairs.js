@@ -1,20 +1,16 @@
-// The pairs of cloth that fixed a proposal's place: histograms, and lines on the canvas and in 3D.
+// The pairs of cloth that fixed a proposal's place: what they say, and lines on the canvas and in 3D.
 
 import { nearest } from "../canvas/geometry.js";
 import { drawDot, strokeLine } from "../canvas/marks.js";
 import { count, number } from "../page/format.js";
-import { columns, rows } from "../teaching/draw.js";
-import { Plot } from "../teaching/plot.js";
 
 const STRETCH = 10; // lines on the canvas are drawn so many times as long: a millimetre would not be seen
 const NEAR_PX = 14;
-const BINS = 24;
 const COLORS = ["#2c7bb6", "#e67e00", "#b3261e"]; // below a third of the limit, below the limit, beyond it
 
 export class ClothPairs {
-  constructor(/** @type {FlatCanvas} */ canvas, /** @type {Sheet} */ sheet) {
+  constructor(/** @type {FlatCanvas} */ canvas) {
     this.canvas = canvas;
-    this.sheet = sheet;
     this.pairs = /** @type {Pairs | null} */ (null); // none before the first proposal, or if curves placed it
     this.marked = /** @type {number | null} */ (null); // number of a pair
   }
@@ -36,40 +32,6 @@ export class ClothPairs {
     if (n === null || !this.pairs) return "";
     const { residual_mm: off, apart_mm: apart } = this.pairs;
     return `This pair: ${number(off[n])} mm apart on the plane, ${number(apart[n])} mm in space.`;
-  }
-
-  // --- histograms --------------------------------------------------------------------------------
-
-  drawPlots(/** @type {Rect} */ rect) {
-    if (!this.pairs) return;
-    const { residual_mm, apart_mm, limit_mm } = this.pairs;
-    const split = rect.w > 1.3 * rect.h ? columns : rows;
-    const places = split(rect, [1, 1], 6);
-    this.histogram(places[0], residual_mm, limit_mm, "Apart on the plane", "mm");
-    this.histogram(places[1], apart_mm, null, "Apart in space", "mm");
-  }
-
-  /**
-   * @param {Rect} place @param {number[]} values @param {number | null} limit @param {string} title
-   * @param {string} unit
-   */
-  histogram(place, values, limit, title, unit) {
-    const { sheet } = this;
-    const inner = sheet.titled(place, title);
-    const sorted = [...values].sort((a, b) => a - b);
-    const most = Math.max(1, sorted[Math.floor(0.98 * (sorted.length - 1))] * 1.3, limit ? limit * 1.15 : 0);
-    const edges = Array.from({ length: BINS + 1 }, (_, i) => (most * i) / BINS);
-    const counts = Array(BINS).fill(0);
-    for (const value of values) counts[Math.min(BINS - 1, Math.floor((value / most) * BINS))] += 1;
-    const plot = new Plot(sheet, inner, {
-      x: [0, most],
-      y: [0, 1.08 * Math.max(...counts)],
-      xLabel: unit,
-      yLabel: "pairs",
-    });
-    plot.bars(edges, counts, (mm) => colorAt(mm, limit));
-    if (limit !== null) plot.vertical(limit, sheet.color.limit, "limit", 1.5, [5, 4]);
-    if (this.marked !== null) plot.vertical(values[this.marked], sheet.color.mark, "", 1.5);
   }
 
   // --- on the canvas and in 3D -------------------------------------------------------------------

@@ -7,7 +7,6 @@ import { drawDot, strokeLine } from "../canvas/marks.js";
 import { byId, setText } from "../page/dom.js";
 import { degrees, number } from "../page/format.js";
 import { ClothPairs } from "./cloth_pairs.js";
-import { Sheet } from "../teaching/draw.js";
 import { symbols } from "../teaching/frame.js";
 
 export class Diagnostics extends PagePart {
@@ -17,27 +16,18 @@ export class Diagnostics extends PagePart {
   known = /** @type {Known | null} */ (null); // what the server said
   asked = /** @type {string | null} */ (null);
   panel = byId("diagnostics");
-  plotCanvas = byId("diagnostics-canvas");
-  sheet = new Sheet(this.plotCanvas, { redraw: () => this.draw(), probe: () => {} });
   facts = byId("diagnostics-facts");
   trouble = byId("diagnostics-trouble");
-  pairs = new ClothPairs(this.canvas, this.sheet);
+  pairs = new ClothPairs(this.canvas);
 
   constructor(/** @type {Page} */ page) {
     super(page);
     byId("diagnostics-close").addEventListener("click", () => this.toggle());
-    new ResizeObserver(() => this.open && this.draw()).observe(this.plotCanvas);
   }
 
   /** @param {Context} context @param {Style} _ @param {PlaceInScene} place */
   drawInScene(context, _, place) {
     if (this.open && !this.panel.hidden) this.pairs.paintInSpace(context, place);
-  }
-
-  /** Draw the panel, the canvas and the scene again. */
-  drawAll() {
-    this.draw();
-    this.page.redrawMarks();
   }
 
   toggle() {
@@ -75,7 +65,7 @@ export class Diagnostics extends PagePart {
       setText(this.trouble, (await answer?.text()) ?? "There is no connection.");
       if (answer?.status === 410) this.asked = null; // the next state asks again
     }
-    this.drawAll();
+    this.page.redrawMarks();
   }
 
   /** What is on the panel, for tests. */
@@ -85,7 +75,6 @@ export class Diagnostics extends PagePart {
   }
 
   showFacts(/** @type {Known} */ { pairs, reasons: found }) {
-    this.plotCanvas.hidden = !pairs;
     setText(this.trouble, pairs ? "" : found.trouble);
     if (pairs) return setText(this.facts, this.pairs.facts);
     const angle = number(this.page.state.views[found.front_view].angle_deg, 0);
@@ -97,30 +86,27 @@ export class Diagnostics extends PagePart {
     this.facts.replaceChildren(...symbols(facts.filter(Boolean).join(" · ")));
   }
 
-  draw() {
-    if (this.open && this.known?.pairs) this.pairs.drawPlots(this.sheet.begin());
-  }
-
   /** The pair of cloth under the pointer. */
   hover(/** @type {Place | null} */ at) {
     const pair = this.open ? this.pairs.nearest(at) : null;
     if (pair === this.pairs.marked) return;
     this.pairs.marked = pair;
     setText(byId("diagnostics-column"), this.pairs.textOf(pair));
-    this.drawAll();
+    this.page.redrawMarks();
   }
 
   // --- on the canvas ---------------------------------------------------------------------------
 
-  drawOver(/** @type {Context} */ context) {
+  /** @param {Context} context @param {Style} style */
+  drawOver(context, style) {
     if (!this.open || this.panel.hidden || !this.known) return;
     if (this.known.pairs) return this.pairs.paint(context);
     const { correspondence: lines, current_from_new: own } = this.known.reasons;
     if (!lines) return;
-    this.paintLine(context, lines.current, (u, v) => [u, v], this.sheet.color.kept);
+    this.paintLine(context, lines.current, (u, v) => [u, v], style.getPropertyValue("--kept"));
     const place = (/** @type {number} */ u, /** @type {number} */ v) =>
       applied([own.theta_rad, own.u_m, own.v_m], u, v);
-    this.paintLine(context, lines.new, place, this.sheet.color.new);
+    this.paintLine(context, lines.new, place, style.getPropertyValue("--new"));
   }
 
   at(/** @type {UV} */ [u, v]) {

@@ -13,9 +13,7 @@ import { Readout } from "./readout.js";
 import { SidesPanel } from "./sides.js";
 import { SettingsSheet } from "./settings.js";
 import { SourcePanel } from "./sources.js";
-import { AutoUntil } from "../review/auto_until.js";
 import { CheckPanel } from "../review/check.js";
-import { DonePanel } from "../review/done.js";
 
 /** Each is made with the page (page/page.js: Page) and may have what its typedef Panel names. */
 export const PANELS = [
@@ -28,10 +26,8 @@ export const PANELS = [
   BothSides,
   JointsPanel,
   PicksPanel,
-  DonePanel,
   SidesPanel,
   SettingsSheet,
-  AutoUntil,
   SourcePanel,
   Diagnostics,
   Readout,

@@ -7,6 +7,7 @@ import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "./pick_text.js"
 
 export class PicksPanel extends PagePart {
   name = "picks";
+  setsGrip = false; // whether its fields are open
   actions = { copy: () => this.copy(), keep_pick: () => this.keep(this.page.state.pick?.id) };
 
   update(/** @type {State} */ { pick, picks, layers }) {
@@ -86,11 +87,16 @@ export class PicksPanel extends PagePart {
     const scatter = `${degrees(grip.normal_std_deg, 0)}, ${degrees(grip.axis_std_deg, 0)}`;
     return [
       make(
-        "div.grip",
-        { role: "group", label: "Grip" },
-        field("Axis °", axis, AXIS_TIP),
-        outline,
-        field("Open mm", opening, "Distance of the fingers"),
+        "details",
+        { open: this.setsGrip, toggle: ({ target }) => (this.setsGrip = target.open) },
+        make("summary", "Set the grip"),
+        make(
+          "div.grip",
+          { role: "group", label: "Grip" },
+          field("Axis °", axis, AXIS_TIP),
+          outline,
+          field("Open mm", opening, "Distance of the fingers"),
+        ),
       ),
       values(
         ["outline", away, "Distance to the nearest outline of the cloth, on the flattened view"],

@@ -14,6 +14,7 @@ const CLICK_PX = 4;
 export class PiecesPanel extends PagePart {
   name = "pieces";
   pieces = /** @type {Piece[]} */ ([]);
+  drawn = /** @type {Piece[]} */ ([]);
   /** @type {Map<string, FoundGarment["pieces"][number]>} that the garment has for them, by letter */
   places = new Map();
   chosen = /** @type {string | null} */ (null); // its letter
@@ -170,9 +171,11 @@ export class PiecesPanel extends PagePart {
 
   /** Each floating piece has a rectangle and its letter; one with a place by the garment its outline there. */
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
-    for (const piece of this.pieces) this.drawPlace(piece);
+    // Those of the picture that is shown; that of the present state may be on its way.
+    if (this.canvas.layerRevision === this.page.state?.layers?.revision) this.drawn = this.pieces;
+    for (const piece of this.drawn) this.drawPlace(piece);
     this.drawBrought();
-    const beside = this.pieces.filter((piece) => !piece.placed);
+    const beside = this.drawn.filter((piece) => !piece.placed);
     drawPieces(this.canvas, context, style, beside, this.chosen);
     this.drawHeld(style);
   }

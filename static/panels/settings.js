@@ -1,7 +1,6 @@
-// The settings: one door, made from the server's table, each with a reset; and the numbers of the method, to read.
+// The settings: one door, made from the server's table, each with a reset.
 
 import { PagePart } from "../page/page.js";
-import { askJson } from "../page/connection.js";
 import { byId, choice, make, numberBox, rebuild, smallButton, tickBox } from "../page/dom.js";
 import { number } from "../page/format.js";
 import { chosenTheme, setTheme } from "../page/theme.js";
@@ -40,7 +39,6 @@ export class SettingsSheet extends PagePart {
   open() {
     this.show();
     byId("settings").showModal();
-    this.showNumbers();
   }
 
   show() {
@@ -76,28 +74,6 @@ export class SettingsSheet extends PagePart {
       ),
       make("p.note", { id: `${id}-about` }, description),
     ];
-  }
-
-  async showNumbers() {
-    const box = byId("settings-numbers");
-    if (box.childElementCount) return;
-    /** @type {{ section: string; values: { name: string; about: string; value: unknown; default: unknown }[] }[]} */
-    const sections = (await askJson("settings/numbers.json")) ?? [];
-    box.replaceChildren(
-      ...sections.map(({ section, values }) =>
-        make(
-          "section",
-          make("h3", section),
-          make(
-            "dl.values",
-            ...values.flatMap((v) => [
-              make("dt", { tip: v.about }, v.name.replaceAll("_", " ")),
-              make("dd", { class: textOf(v.value) === textOf(v.default) ? "" : "changed" }, textOf(v.value)),
-            ]),
-          ),
-        ),
-      ),
-    );
   }
 }
 

@@ -104,14 +104,8 @@ export class ResultPanel extends PagePart {
 
   /** What most doubtful cloth hangs on, and the way to look at it. */
   jointDoubt() {
-    const joint = this.page.joints.joints.find(({ weak }) => weak);
-    if (!joint) return null;
-    const right = `${number(100 * joint.probability, 1)} %`;
-    return make(
-      "p.note.warn",
-      `${cm2(joint.area_cm2)} hang on one joint that is right with a probability of ${right}: `,
-      this.page.smallButton("joints"),
-    );
+    const { doubt } = this.page.joints;
+    return doubt && make("p.note.warn", `${doubt}: `, this.page.smallButton("joints"));
   }
 
   leftOut(/** @type {Left[]} */ every) {

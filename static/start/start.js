@@ -4,7 +4,6 @@ import { ask, post } from "../page/connection.js";
 import { button, byId, find, make, rebuild, showWords } from "../page/dom.js";
 import { cm2, count, number } from "../page/format.js";
 import { applyTheme } from "../page/theme.js";
-import { answerDrops } from "./drop.js";
 
 /** @type {Record<string, string>} */
 const WORDS = { recording: "recording", session: "session", file: "file", folder: "folder ›" };
@@ -107,7 +106,7 @@ function aboutSession(summary, of = null) {
   const { garment, area_cm2, floating_cm2, views, ended } = summary;
   const floats = floating_cm2 >= 1 ? `, ${number(floating_cm2, 0)} float` : "";
   return [
-    `${garment.replaceAll("_", " ") || "garment not known"} · ${cm2(area_cm2)}${floats}`,
+    `${garment && `${garment.replaceAll("_", " ")} · `}${cm2(area_cm2)}${floats}`,
     `${of === null ? count(views, "view") : `${views} of ${count(of, "view")}`} · ${ended ? "ended" : "not ended"}`,
   ];
 }
@@ -220,7 +219,6 @@ function showCamera(/** @type {boolean} */ failed) {
 
 byId("unloaded").remove();
 applyTheme();
-answerDrops();
 showCamera(false);
 /** @type {Places & { error?: string }} */
 const places = await answerTo(ask("start/places.json"));

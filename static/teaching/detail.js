@@ -22,7 +22,7 @@ export function shareOf(/** @type {Box} */ box, /** @type {Rect} */ rect, least 
 export function withDetail(sheet, rect, key, title, box, ui, draw) {
   const share = shareOf(box, rect);
   const [left, right] = columns(rect, [share, 1 - share]);
-  const whole = sheet.pane(key, box, sheet.titled(left, title), { zoom: false });
+  const whole = sheet.pane(key, box, sheet.titled(left, title));
   const scale = Math.max(DETAIL, right.w / (whole.scaleX * (box.right - box.left)));
   const inner = sheet.titled(right, "Detail", `${number(scale, 1)} times as large; move the pointer over the left`);
   const half = [inner.w / (2 * scale * whole.scaleX), inner.h / (2 * scale * whole.scaleY)];

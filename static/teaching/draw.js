@@ -1,7 +1,7 @@
-// The drawing sheet of the teaching mode: panes that can be zoomed, and what is drawn in them.
+// The drawing sheet of the teaching mode: panes, and what is drawn in them.
 
 import { strokeLine, strokeRimmed, strokeScale, traceCross } from "../canvas/marks.js";
-import { contextOf, onWheel, sized, within } from "../page/dom.js";
+import { contextOf, sized, within } from "../page/dom.js";
 import { length, niceLength } from "../page/format.js";
 
 const COLORS =
@@ -87,8 +87,7 @@ export class Sheet {
     this.canvas = canvas;
     this.context = contextOf(canvas);
     this.handlers = handlers;
-    this.zooms = /** @type {Map<string, { factor: number; x: number; y: number }>} */ (new Map());
-    this.panes = /** @type {Pane[]} */ ([]);
+    this.panes = /** @type {PaneMap[]} */ ([]);
     this.color = /** @type {Record<string, string>} */ ({});
     this.em = this.weight = 1;
     this.family = "";
@@ -174,10 +173,10 @@ export class Sheet {
   }
 
   /**
-   * A pane that shows a box of its own units, y down; the learner may zoom it.
+   * A pane that shows a box of its own units, y down.
    * @param {string} key @param {Box} box @param {Rect} rect
    */
-  pane(key, box, rect, { margin = 6, stretch = false, zoom = true } = {}) {
+  pane(key, box, rect, { margin = 6, stretch = false } = {}) {
     const across = Math.max(1e-9, box.right - box.left);
     const down = Math.max(1e-9, box.bottom - box.top);
     let scaleX = (rect.w - 2 * margin) / across;
@@ -192,21 +191,14 @@ export class Sheet {
       rect.x + margin + spare / 2 - scaleX * box.left,
       rect.y + rect.h / 2 - (scaleY * (box.top + box.bottom)) / 2,
     );
-    const zoomed = zoom ? this.zooms.get(key) : null;
-    if (zoomed) {
-      map.scaleX *= zoomed.factor;
-      map.scaleY *= zoomed.factor;
-      map.x = rect.x + rect.w / 2 - map.scaleX * zoomed.x;
-      map.y = rect.y + rect.h / 2 - map.scaleY * zoomed.y;
-    }
-    this.panes.push({ map, zoom });
+    this.panes.push(map);
     return map;
   }
 
   /**
    * Draw in a pane, which gets a frame. Returns its map.
    * @param {string} key @param {Box} box @param {Rect} rect
-   * @param {{ margin?: number; stretch?: boolean; zoom?: boolean; bar?: boolean }} options with a scale bar?
+   * @param {{ margin?: number; stretch?: boolean; bar?: boolean }} options with a scale bar?
    * @param {(map: PaneMap) => void} draw
    */
   show(key, box, rect, options, draw) {
@@ -367,67 +359,14 @@ export class Sheet {
 
   // --- the pointer ---------------------------------------------------------------------------
 
-  paneAt(/** @type {MouseEvent} */ event) {
-    const at = this.canvas.getBoundingClientRect();
-    const [x, y] = [event.clientX - at.left, event.clientY - at.top];
-    const pane = this.panes.findLast(({ map }) => inside(map.rect, x, y));
-    return pane ? { ...pane, x, y } : null;
-  }
-
-  /** @param {Pane} pane @param {number} factor @param {number} x @param {number} y */
-  zoomBy(pane, factor, x, y) {
-    const { map } = pane;
-    const [u, v] = map.from(x, y);
-    const before = this.zooms.get(map.key)?.factor ?? 1;
-    const now = within(before * factor, 1, 30);
-    if (now === 1) {
-      this.zooms.delete(map.key);
-    } else {
-      const grow = now / before;
-      const { rect } = map;
-      // What is under the pointer stays under it.
-      const [cx, cy] = map.from(rect.x + rect.w / 2, rect.y + rect.h / 2);
-      this.zooms.set(map.key, { factor: now, x: u + (cx - u) / grow, y: v + (cy - v) / grow });
-    }
-    this.handlers.redraw();
-  }
-
-  /** Zoom all panes about their middles, or show them whole again. */
-  zoomAll(/** @type {number | null} */ factor) {
-    if (!factor) this.zooms.clear();
-    else
-      for (const pane of this.panes.filter((p) => p.zoom))
-        this.zoomBy(pane, factor, pane.map.rect.x + pane.map.rect.w / 2, pane.map.rect.y + pane.map.rect.h / 2);
-    this.handlers.redraw();
-  }
-
   listen() {
-    const canvas = this.canvas;
-    let drag = /** @type {{ pane: Pane; x: number; y: number } | null} */ (null);
-    onWheel(canvas, (factor, event) => {
-      const pane = this.paneAt(event);
-      if (!pane?.zoom) return;
-      event.preventDefault();
-      this.zoomBy(pane, factor, pane.x, pane.y);
-    });
-    canvas.addEventListener("pointerdown", (event) => {
-      const pane = this.paneAt(event);
-      if (!pane) return;
-      canvas.setPointerCapture(event.pointerId);
-      drag = { pane, x: event.clientX, y: event.clientY };
-      if (!this.zooms.has(pane.map.key)) this.handlers.probe(pane.map.key, pane.map.from(pane.x, pane.y));
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      const zoomed = drag && this.zooms.get(drag.pane.map.key);
-      if (drag && zoomed) {
-        zoomed.x -= (event.clientX - drag.x) / drag.pane.map.scaleX;
-        zoomed.y -= (event.clientY - drag.y) / drag.pane.map.scaleY;
-        [drag.x, drag.y] = [event.clientX, event.clientY];
-        return this.handlers.redraw();
-      }
-      const pane = this.paneAt(event);
-      if (pane) this.handlers.probe(pane.map.key, pane.map.from(pane.x, pane.y));
-    });
-    for (const type of ["pointerup", "pointercancel"]) canvas.addEventListener(type, () => (drag = null));
+    const point = (/** @type {PointerEvent} */ event) => {
+      const at = this.canvas.getBoundingClientRect();
+      const [x, y] = [event.clientX - at.left, event.clientY - at.top];
+      const map = this.panes.findLast(({ rect }) => inside(rect, x, y));
+      if (map) this.handlers.probe(map.key, map.from(x, y));
+    };
+    this.canvas.addEventListener("pointerdown", point);
+    this.canvas.addEventListener("pointermove", point);
   }
 }

@@ -22,9 +22,9 @@ export function onKey(/** @type {Teaching} */ teaching, /** @type {KeyboardEvent
 
 /** @param {Teaching} teaching @param {number[]} parts @param {number} times */
 function moveProbe(teaching, [right, down], times) {
-  const pane = teaching.sheet.panes.find((p) => p.map.key === STAGES[teaching.at].probe);
-  if (!pane) return;
-  const { rect, scaleX, scaleY } = pane.map;
+  const map = teaching.sheet.panes.find(({ key }) => key === STAGES[teaching.at].probe);
+  if (!map) return;
+  const { rect, scaleX, scaleY } = map;
   const step = times * PROBE_STEP * Math.min(rect.w, rect.h);
   const [u, v] = teaching.ui.at;
   teaching.probe = { at: [u + (right * step) / scaleX, v + (down * step) / scaleY], moved: true };

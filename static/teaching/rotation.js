@@ -164,7 +164,7 @@ function drawCurves(sheet, rect, { planning: lesson }, ui) {
   plot.curve(u, h, sheet.color.count);
   plot.curve(u, a, sheet.color.mean, { scale: plot.y2, width: 2.5 });
   const strip = { x: plot.inner.x, w: plot.inner.w, y: bottom.y, h: bottom.h - 3 * sheet.em };
-  const map = sheet.pane("columns", box, strip, { margin: 0, stretch: true, zoom: false });
+  const map = sheet.pane("columns", box, strip, { margin: 0, stretch: true });
   sheet.within(strip, () => sheet.picture(map, zAnglePicture(lesson, ui.parameters.z_angle_limit_deg, sheet), box));
   sheet.frame(strip);
   const low = { ...BELOW, color: sheet.color.soft };

@@ -13,7 +13,7 @@ const PARTS = /** @type {PartName[]} */ ([...AHEAD, "start", "sides", "garment",
 const PARAMETERS = /** @type {ParameterName[]} */ (["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"]);
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer
-const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel", "fit", "zoom_in", "zoom_out"];
+const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel"];
 const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
 
 /** @type {Entry} */
@@ -80,8 +80,7 @@ export class Teaching {
     else if (name === "teach_next") this.go(this.at + 1);
     else if (name === "teach_back") this.go(this.at - 1);
     else if (name === "teach_play") this.play(!this.playing);
-    else if (name === "cancel") this.cancelOrLeave();
-    else this.sheet.zoomAll({ zoom_in: 1.4, zoom_out: 1 / 1.4 }[name] ?? null);
+    else this.cancelOrLeave();
     return true;
   }
 
@@ -141,7 +140,6 @@ export class Teaching {
       this.at = index;
       this.ui = { ...this.ui, time: 0, layer: "color" };
       this.probe = null;
-      this.sheet.zooms.clear();
       this.autoplay = Boolean(stage.plays) && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     }
     if (stage.part === "seams" && !this.session.other()) this.session.findOther();

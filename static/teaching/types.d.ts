@@ -16,7 +16,6 @@ declare global {
   type PictureMap = { at(u: number, v: number): UV };
   type PaneMap = PaneMapClass;
   type SheetHandlers = { redraw: () => void; probe: (pane: string, at: UV) => void };
-  type Pane = { map: PaneMap; zoom: boolean };
   type TextLook = {
     color?: string;
     size?: number;

@@ -79,7 +79,6 @@ def findings(page: Page) -> list[str]:
 def test_axe_finds_nothing(page: Page) -> None:
     assert findings(page) == []
     page.locator("#scroller").evaluate("e => { e.scrollTop = 20000 }")
-    page.locator(".bins button").nth(10).click()
     page.keyboard.press("j")
     assert findings(page) == []
     page.locator("#open").click()
@@ -108,18 +107,6 @@ def test_rows_are_sorted_filtered_scrolled_and_reviewed(page: Page) -> None:
     expect(page.locator("#shown")).to_have_text("1 of 1000 shown")
     page.locator("#clear").click()
     expect(page.locator("#shown")).to_have_text("1000 of 1000 shown")
-    # A bar of a histogram keeps its results.
-    box = page.locator(".histogram", has_text="area")
-    label = box.locator("button").nth(3).get_attribute("aria-label") or ""
-    count = int(label.rsplit(" ", 1)[1])
-    assert 0 < count < ROWS
-    box.locator("button").nth(3).click()
-    expect(page.locator("#shown")).to_have_text(f"{count} of 1000 shown")
-    box.locator("button").nth(6).click()  # up to here
-    expect(box.locator("button[aria-pressed=true]")).to_have_count(4)
-    box.locator("button").nth(6).click()
-    expect(page.locator("#shown")).not_to_have_text("1000 of 1000 shown")
-    page.locator("#clear").click()
     # The queue goes from the least reliable on, and a file tells the command.
     page.keyboard.press("j")
     expect(page.locator("#details h2")).to_have_text("r0001")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import pytest
 from playwright.sync_api import expect
@@ -39,10 +40,15 @@ def test_a_doubtful_shape_is_found_understood_and_repaired_by_four_keys_that_the
     places = panel.get_by_role("group", name="Where the part lies")
     expect(places.locator("[aria-pressed=true]")).to_contain_text("As it is")
     expect(panel.locator("[data-action=joint_next] kbd")).to_have_text(".")
+    # The line of what to do next asks about the part, and how it fits is told with its texture.
+    hint = page.locator("#hint")
+    expect(hint).to_have_text(re.compile(r"^Where does this part lie\? Keep it as it is \(A\)"))
+    expect(panel.locator("#joint-fit")).to_have_text(re.compile(r"gap \d+ mm, texture \d+ of 255, "))
     page.keyboard.press(".")
     expect(places.locator("[aria-pressed=true]")).to_contain_text("By the garment")
     expect(panel.locator("#joint-fit")).to_contain_text("mm off, gap")
     expect(panel.locator("[data-action=joint_decide]")).to_have_text("Place it there A")
+    expect(hint).to_contain_text("Place it there (A)")
     tab.shoot("joint-ghost")
     page.keyboard.press("a")
     tab.until("flatcloth.state.layers.pieces.some((piece) => piece.placed)")

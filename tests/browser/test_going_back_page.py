@@ -1,4 +1,4 @@
-"""Addresses that can be sent, Back, the list of what was done, why parts are joined, and handles."""
+"""Addresses that can be sent, Back, why parts are joined, and handles."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def test_an_operator_goes_back_asks_why_and_places_by_handles(open_tab, program)
     tab.until(f"flatcloth.pick.id === {first}")
     sent = page.url
     ghosts_and_handles(tab)
-    what_was_done(tab)
+    page.keyboard.press("Backspace")
+    tab.until("flatcloth.state.pending.score >= 0.75 && !flatcloth.state.drawing")
+    tab.accept()
     why_it_is_joined(tab)
     # Another tab at the address that was sent shows the same pick.
     other = open_tab(1366, 768, has_scene=False)
@@ -71,24 +73,6 @@ def ghosts_and_handles(tab):
     tab.until("Math.abs(flatcloth.state.pending.nudge.theta_deg) > 1")
 
 
-def what_was_done(tab):
-    keys = tab.page.keyboard
-    keys.press("Shift+K")
-    listed = tab.page.get_by_role("region", name="What was done")
-    expect(listed.locator("[aria-current=step]")).to_contain_text("view")
-    done = len(tab.state()["done"])
-    listed.get_by_role("button", name="the beginning").click()
-    tab.until(f"flatcloth.state.done.length === 0 && flatcloth.state.undone.length === {done}")
-    listed.locator("button.undone").first.focus()
-    keys.press("Enter")
-    tab.until(f"flatcloth.state.done.length === {done} && !flatcloth.state.drawing")
-    tab.shoot("what-was-done")
-    keys.press("Shift+K")
-    keys.press("Backspace")
-    tab.until("flatcloth.state.pending.score >= 0.75 && !flatcloth.state.drawing")
-    tab.accept()
-
-
 def why_it_is_joined(tab):
     """With joints of a made-up garment."""
     page = tab.page
@@ -100,7 +84,7 @@ def why_it_is_joined(tab):
         "area_cm2": 120.0, "evidence": 0.8, "weak": True, "probability": 0.1, "kept": False,
         "outline_uv_m": [[[u, v], [u + wide, v], [u + wide, v + high], [u, v + high]]],
         "ends_uv_m": [[[u, v], [u, v]] for u, v in seam], "length_m": [0.0] * len(seam), "places": [],
-        "seam_xyz_m": [[0.0, 0.0, 0.85]],
+        "seam_xyz_m": [[0.0, 0.0, 0.85]], "part_xyz_m": [[0.0, 0.1, 0.85]],
         "views": [
             {"view_index": 1, "angle_deg": 30.0, "pairs": 14, "residual_mm": [1.2, 3.4], "rc": [[60, 60]]}
         ],

@@ -116,6 +116,7 @@ def colours_and_window_change_what_is_seen_and_its_legend(tab):
     expect(top).to_have_text(high)
     assert legend.locator(".ramp").evaluate(ramp) == before
     tab.page.keyboard.press("Shift+L")
+    assert tab.page.evaluate("flatcloth.column.part") != "look", "the column shows what there is"
     tab.page.keyboard.press("1")
 
 

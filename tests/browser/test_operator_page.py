@@ -177,14 +177,6 @@ def test_a_session_is_worked_through_from_the_start_screen_by_mouse_and_by_keys(
     expect(tab.page.locator("#recent .card")).to_have_count(2)
     assert tab.findings() == []
     tab.shoot("start-screen")
-    # A recording that is dropped is told how to import; nothing is sent.
-    tab.page.evaluate(
-        """() => { const files = new DataTransfer(); files.items.add(new File(["x"], "turned one.bag"));
-             document.dispatchEvent(new DragEvent("drop", { dataTransfer: files, cancelable: true })); }"""
-    )
-    told = tab.page.locator("dialog.drop")
-    expect(told).to_contain_text("flatcloth import 'turned one.bag' --out turned-one --step 10")
-    told.get_by_role("button", name="Close").click()
     # Without a camera the page says what to do.
     tab.page.locator("#open-camera").click()
     expect(tab.page.locator("#camera .steps")).to_contain_text("USB 3")

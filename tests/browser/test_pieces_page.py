@@ -10,6 +10,7 @@ from exported_sessions import write_cylinder
 from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
+WHERE = "JSON.stringify([flatcloth.state.pending?.view_index, flatcloth.state.pending?.nudge])"
 
 
 @pytest.fixture
@@ -119,9 +120,9 @@ def test_a_piece_is_seen_beside_the_shape_picked_and_dragged_onto_it_by_hand(
     it_snaps_to_its_ghost(tab, ghosts["places"][0])
     assert tab.state()["undo"].startswith("move")
     for _ in range(4):
-        done = len(tab.state()["done"])
+        proposed = tab.page.evaluate(WHERE)
         tab.page.keyboard.press("u")
-        tab.until(f"flatcloth.state.done.length < {done}")
+        tab.until(f"{WHERE} !== {json.dumps(proposed)}")
         if tab.state()["pending"] is None:
             break
     tab.until("flatcloth.state.pending === null && flatcloth.state.layers.overlay === null")

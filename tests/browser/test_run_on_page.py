@@ -1,4 +1,4 @@
-"""How far Auto runs is one choice, by mouse and by keys; the page says how it ended."""
+"""How far Auto runs is one of the settings; the page says how it ended."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ def program(program_of, tmp_path):
     return program_of(str(recording), tmp_path / "session")
 
 
-def test_auto_runs_as_far_as_chosen_by_mouse_and_by_keys(open_tab):
+def test_auto_runs_as_far_as_the_settings_say(open_tab):
     tab = open_tab(1280, 800).ready()
     page = tab.page
-    page.locator("[data-action=auto_until]").click()
-    menu = page.get_by_role("dialog", name="How far Auto runs")
-    menu.get_by_label("This many views").fill("2")
-    menu.get_by_label("This many views").press("Tab")
-    expect(menu.locator("[value=views]")).to_be_checked()
+    page.keyboard.press("Control+,")
+    page.get_by_label("Auto runs until", exact=True).select_option("views")
+    page.get_by_label("This many views", exact=True).fill("2")
+    page.get_by_label("This many views", exact=True).press("Tab")
+    tab.until("flatcloth.state.settings.auto_views === 2")
     tab.shoot("auto-until")
-    menu.get_by_role("button", name="Run").click()
+    page.keyboard.press("Escape")
+    page.locator("[data-action=auto]").click()
     tab.until("flatcloth.state.auto.ended && !flatcloth.state.drawing")
     assert tab.state()["step"] == 2
     expect(page.locator("#hint")).to_contain_text("The shape has 2 views, as chosen. Step (S) goes on.")
 
-    page.keyboard.press("Shift+A")
-    page.keyboard.press("ArrowUp")
-    page.keyboard.press("ArrowUp")
+    page.locator("[data-action=settings]").click()
+    page.get_by_label("Auto runs until", exact=True).select_option("all")
     tab.until("flatcloth.state.settings.auto_until === 'all'")
-    page.keyboard.press("Enter")
+    page.keyboard.press("Escape")
+    page.keyboard.press("g")
     tab.until("flatcloth.phase === 'finished' && !flatcloth.state.auto.running && !flatcloth.state.drawing")
     assert tab.state()["step"] > 2
     expect(page.locator("#hint")).to_contain_text("of the cloth floats")

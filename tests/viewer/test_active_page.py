@@ -77,12 +77,12 @@ def test_a_click_or_a_robot_turns_the_cell_and_the_view_is_a_proposal_as_any_oth
     with Tab(served) as tab:
         state = tab.state_where(asking)
         asked = state["active"]["angle_deg"]
-        assert action(state, "capture_turned") is None
-        tab.say(type="capture", action="turned")
+        assert action(state, "step") is None
+        tab.say(type="do", action="step")
         state = tab.state_where(lambda s: s["pending"] and s["layers"]["overlay"])
         assert state["pending"]["view_index"] == 1
         assert state["active"]["waiting"]
-        assert action(state, "capture_turned") is not None
+        assert action(state, "step") is not None
         assert open_recording(tmp_path / "out" / "recording").angles_deg == (0.0, asked)
         tab.say(type="do", action="accept", view_index=1)
         state = tab.state_where(lambda s: asking(s) and s["active"]["views"] == 2)

@@ -113,14 +113,6 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
         (do("undo"), {"views.1.state": "pending"}),
         (do("undo"), {"views.1.state": "accepted", "views.2.state": "accepted", "views.3.state": "accepted"}),
     ]),
-    "the list of what was done leads back and forward": ({}, [
-        *ONE,
-        (do("step"), proposed(2)),
-        (do("reject", 2), {"done": ["accept view 1", "reject view 2"]}),
-        ({"type": "go_to", "done": 0, "of": 2}, {"undone": ["accept view 1", "reject view 2"], "step": 1}),
-        ({"type": "go_to", "done": 2, "of": 2}, {"done": ["accept view 1", "reject view 2"], "step": 2}),
-        ({"type": "go_to", "done": 1, "of": 5}, {"note": "has changed"}),
-    ]),
     "Auto waits where it is unsure, goes on after the verdict, and undo stops it": (UNSURE, [
         BEGUN,
         ({"type": "set", "values": {"auto_threshold": 0.75}}, {"settings.auto_threshold": 0.75}),

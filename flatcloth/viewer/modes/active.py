@@ -110,7 +110,7 @@ class ActiveApplication(Application):
 
     def _take(self, client: int, message: messages.Message) -> None:
         match message:
-            case messages.Capture(action="turned"):
+            case messages.Capture(action="turned") | messages.Do(action="step"):
                 self._turn()
             case messages.Aim(goal=goal):
                 self.executor.put(
@@ -191,8 +191,10 @@ class ActiveApplication(Application):
         asks = isinstance(self.loop.asked, Next) and self._eye is not None
         if action.name == "auto" and asks:
             return structs.replace(action, why_not=None)
-        if action.name == "capture_turned":
-            return structs.replace(action, why_not=None if asks else "No turn is asked of the cell now.")
+        if action.name in ("step", "capture_turned"):
+            about = "Turn the item to the next angle and take a view; Auto does it by itself."
+            why_not = None if asks and not self._is_turning else "No turn is asked of the cell now."
+            return structs.replace(action, description=about, why_not=why_not)
         return action
 
     def status(self) -> ActiveStatus:

@@ -29,7 +29,6 @@ from flatcloth.grasping.measuring import measure
 from flatcloth.rendering.layers import Appearance
 from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer import http
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
@@ -37,7 +36,7 @@ from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, Ray
 from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described
 from flatcloth.viewer.protocol.sent import UV, Note, NoteLevel
-from flatcloth.viewer.protocol.settings import Settings, SettingsStore, method_numbers
+from flatcloth.viewer.protocol.settings import Settings, SettingsStore
 from flatcloth.viewer.protocol.snapshot import layers_of_shape
 from flatcloth.viewer.protocol.state import AutoInfo, PageState, RecordingInfo
 from flatcloth.viewer.worker import Executor, Worker
@@ -116,7 +115,7 @@ class PageController(ABC):
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this mode."""
-        return [http.get("/settings/numbers.json", lambda _: method_numbers(self.integration.config))]
+        return []
 
     @abstractmethod
     def start(self) -> None:

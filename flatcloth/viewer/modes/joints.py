@@ -87,7 +87,7 @@ class JointService:
         shown = []
         for joint in joints:
             own = replace(view, valid=pixels_of_part(view, cloth, joint.part))
-            some = _thinned(len(joint.seam_uv_m))
+            some, points = _thinned(len(joint.seam_uv_m)), own.xyz_m[own.valid]
             shown.append(
                 JointInfo(
                     area_cm2=1e4 * own.area_m2,
@@ -99,6 +99,7 @@ class JointService:
                     ends_uv_m=np.round(joint.ends_uv_m[some], 4).tolist(),
                     length_m=np.round(joint.length_m[some], 4).tolist(),
                     seam_xyz_m=np.round(joint.seam_xyz_m[some], 4).tolist(),
+                    part_xyz_m=np.round(points[_thinned(len(points), 5 * MOST_MARKS)], 4).tolist(),
                     views=[self._view(held) for held in joint.views],
                     places=joint.places,
                 )
@@ -124,5 +125,5 @@ class JointService:
         return [(round(float(place.row), 1), round(float(place.col), 1)) for place in inside]
 
 
-def _thinned(count: int) -> slice:
-    return slice(None, None, max(1, -(-count // MOST_MARKS)))
+def _thinned(count: int, most: int = MOST_MARKS) -> slice:
+    return slice(None, None, max(1, -(-count // most)))

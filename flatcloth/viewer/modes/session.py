@@ -206,9 +206,6 @@ class Application(PageController):
             case messages.PickPoint(name=name):
                 u, v, side = self._garment.seen_point(name, self.other.made)
                 self._pick_at(u, v, name, side)
-            case messages.GoTo():
-                for command in session_work.way_to(self._state, message):
-                    self._by_hand(command)
             case messages.SetAuto(running=running):
                 self._auto = AutoInfo(running=running)
                 self._settle()

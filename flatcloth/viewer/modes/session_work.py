@@ -27,17 +27,15 @@ from flatcloth.session.machine import (
     Event,
     Nudge,
     Pending,
-    Redo,
     Reopen,
     Request,
     SessionState,
     TakePart,
-    Undo,
     apply,
 )
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.protocol.messages import GoTo, Move, PlacePiece, SetAxis
+from flatcloth.viewer.protocol.messages import Move, PlacePiece, SetAxis
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import Progress
 from flatcloth.viewer.protocol.snapshot import center_uv_m, placement_of
@@ -305,20 +303,6 @@ def placed(document: Document, overlay: Overlay | None) -> tuple[Pending, Overla
     if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
         return None
     return pending, overlay
-
-
-def way_to(state: SessionState, asked: GoTo) -> Sequence[Command]:
-    """Return the commands that lead to an earlier or later decision of the list of what was done.
-
-    Raises
-    ------
-    FlatclothError
-        If the list has changed since.
-    """
-    now, all_of = len(state.undo), len(state.undo) + len(state.redo)
-    if asked.of != all_of or asked.done > all_of:
-        raise FlatclothError("The list of what was done has changed; look again.")
-    return [Undo()] * (now - asked.done) + [Redo()] * (asked.done - now)
 
 
 def score_shown(picture: Picture | None, document: Document) -> float | None:

@@ -172,6 +172,7 @@ class JointInfo(Sent, frozen=True):
     ends_uv_m: list[tuple[UV, UV]]
     length_m: list[float]
     seam_xyz_m: list[XYZ]
+    part_xyz_m: list[XYZ]
     views: list[HeldByView]
     places: tuple[Place, ...]
 

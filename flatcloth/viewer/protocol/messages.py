@@ -212,13 +212,6 @@ class SetGrip(Said, tag="grip", frozen=True, kw_only=True):
     opening_m: Metres | None = None
 
 
-class GoTo(Said, tag="go_to", frozen=True, kw_only=True):
-    """Undo or redo until ``done`` of the decisions are done; ``of`` are those that were listed, in number."""
-
-    done: Count
-    of: Count
-
-
 class SetAuto(Said, tag="auto", frozen=True, kw_only=True):
     """Switch Auto on or off."""
 

@@ -1,26 +1,19 @@
 """The settings of the page, few in number, saved with the session in ``settings.json``.
 
 They are declared once, with titles and ranges, from which the dialog is made. The parameters of the method
-are shown next to them; a session keeps those that it was started with: every decision depends on them.
+are not among them: a session keeps those that it was started with, in its ``session.json``.
 """
 
 from __future__ import annotations
 
-import ast
-import dataclasses
-import inspect
 import json
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, structs
 
-from flatcloth.core import config as numbers
-from flatcloth.core.config import Config
 from flatcloth.core.decoding import MisfitError, decoded, fitted
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
@@ -214,40 +207,3 @@ class SettingsStore:
             raise FlatclothError(
                 f"{path}: is damaged ({error}). Delete it to restore the defaults."
             ) from error
-
-
-def method_numbers(config: Config) -> list[dict[str, Any]]:
-    """Return the parameters of the method for the page, by section: name, value, default, meaning."""
-    now, first = config.to_dict(), Config().to_dict()
-    meanings = _meanings(numbers)
-    classes = {field.name: type(getattr(config, field.name)).__name__ for field in dataclasses.fields(config)}
-    return [
-        {
-            "section": section,
-            "values": [
-                {
-                    "name": name,
-                    "value": value,
-                    "default": first[section][name],
-                    "about": meanings.get((classes[section], name), ""),
-                }
-                for name, value in values.items()
-            ],
-        }
-        for section, values in now.items()
-    ]
-
-
-@cache
-def _meanings(module: ModuleType) -> Mapping[tuple[str, str], str]:
-    """Read the docstring below each field of the configuration."""
-    found = {}
-    for section in ast.parse(inspect.getsource(module)).body:
-        if not isinstance(section, ast.ClassDef):
-            continue
-        for field, text in zip(section.body, section.body[1:], strict=False):
-            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-                match text:
-                    case ast.Expr(value=ast.Constant(value=str(words))):
-                        found[section.name, field.target.id] = " ".join(words.split())
-    return found

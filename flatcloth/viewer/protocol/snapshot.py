@@ -60,8 +60,6 @@ def of_session(
         "finished": document.finished,
         "undo": state.undo[-1].name if state.undo else None,
         "redo": state.redo[-1].name if state.redo else None,
-        "done": tuple(item.name for item in state.undo),
-        "undone": tuple(item.name for item in reversed(state.redo)),
         "n_later": len(document.later),
         "request": request and AwaitedRequest(kind=request.kind, view_index=request.view_index),
         "views": tuple(_view(state, i, a, reviewed.get(i, {})) for i, a in enumerate(angles_deg)),

@@ -451,8 +451,6 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     finished: str | None = None
     undo: str | None = None
     redo: str | None = None
-    done: tuple[str, ...] = ()
-    undone: tuple[str, ...] = ()
     n_later: int = 0
     request: AwaitedRequest | None = None
     progress: Progress | None = None
