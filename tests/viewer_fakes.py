@@ -126,6 +126,7 @@ class CylinderIntegration:
         self.gate.set()
         self.at_gate = threading.Event()
         self.error: Exception | None = None
+        self.score_error: Exception | None = None
         self.answers = 0
         self.reached = 0
         self._canonicals: dict[Any, Canonical] = {}
@@ -195,8 +196,8 @@ class CylinderIntegration:
         """Refinement takes back what the operator has moved, to a tenth of a millimetre."""
         self.reached += 1
         assert self.gate.wait(timeout=30), "the test never opened the gate"
-        if self.error is not None:
-            error, self.error = self.error, None
+        if self.score_error is not None:
+            error, self.score_error = self.score_error, None
             raise error
         pending = document.pending
         assert pending is not None

@@ -355,9 +355,9 @@ def test_a_preview_tells_the_score_there_and_what_refining_reaches_and_decides_n
         assert not any(isinstance(command, Nudge) for command in folder.recorded)
         leads_to(tab, move(u_m=0.010), {"pending.nudge.u_mm": near(10.0)})
         assert preview(tab, 8, u_m=0.020)["apart_mm"] == near(30.0), "on top of what was moved before"
-        integration.error = FlatclothError("The view is gone.")
+        integration.score_error = FlatclothError("The view is gone.")
         assert preview(tab, 9)["why"] == "The view is gone."
-        integration.error = ValueError("odd")
+        integration.score_error = ValueError("odd")
         assert "Unexpected error" in preview(tab, 10)["why"]
         assert preview(tab, 11)["score"] == near(0.7)
 
@@ -387,7 +387,7 @@ def test_refine_from_here_is_one_decision_with_a_name_unless_nothing_is_to_be_ga
         tab.proposed()
         leads_to(tab, REFINE, {"note": "Refining from here changes nothing."})
         for error, text in ((FlatclothError("No cloth."), "No cloth."), (ValueError("odd"), "Unexpected")):
-            integration.error = error
+            integration.score_error = error
             leads_to(tab, REFINE, {"note": text})
         leads_to(tab, move(u_m=0.010, theta_rad=0.1), {"undo": "move view 1"})
         leads_to(tab, REFINE, {"undo": "refine view 1", "note": "Refined: moved by "})
