@@ -344,8 +344,7 @@ def test_a_preview_tells_the_score_there_and_what_refining_reaches_and_decides_n
 ) -> None:
     with Tab(server) as tab:
         tab.ready()
-        # The page asks by itself, so that it is no error when there is no proposal.
-        assert preview(tab, 1)["why"] == "The proposal has changed; look again."
+        assert preview(tab, 1)["why"] == "The proposal has changed; look again.", "the page asks by itself"
         tab.say(type="do", action="step")
         tab.state_where(lambda s: s["pending"] and s["layers"]["overlay"])
         assert preview(tab, 7, u_m=0.010) == {
