@@ -161,7 +161,7 @@ def gather_evidence(
     with ThreadPoolExecutor(THREADS) as pool:
         links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
         graph = signed_graph(clusters, links, settings)
-        inner = pool.submit(inner_faces, clusters, graph, mean[:, 0], settings)
+        inner = pool.submit(inner_faces, clusters, graph, mean[:, 0], settings, noisy=noisy)
         masks = ((item.masks[n], item.outlined[n]) for n in (at[view.view_index] for view in seen))
         views = {
             view.view_index: view

@@ -3,9 +3,8 @@
 What is not of interest is the other side, an inner face seen through an opening, or a rim of the side of
 interest that its masks leave out. Neighbours lie on one side, but not over the border of a mask, where this
 side ends; layers back to back lie on opposite ones. So the outer face of the other side and the inner face
-behind this side are opposite to this side, and the rest is like it. An inner face is left
-out (but not with noise, where as much outer cloth looks like one), as is what most of the disturbed
-partitions place on this side, or nowhere.
+behind this side are opposite to this side, and the rest is like it. An inner face is left out (but not with
+noise, where as much outer cloth looks like one), as is what most divisions place on this side, or nowhere.
 """
 
 from __future__ import annotations
