@@ -54,7 +54,7 @@ def inner_faces(
     thin = np.clip(1.0 - thickness_m / (_ONE_LAYER * two_layers_m), -1.0, 1.0)
     values = np.stack([thin * weight / (weight + 1.0), lightness], axis=1)
     thin_around, light_around = averaged(graph, values, _AROUND).T
-    inner: Bool = ((thin_around if noisy else thin) > 0.0) & (light_around < np.median(light_around))
+    inner: Bool = ((thin_around if noisy else values[:, 0]) > 0.0) & (light_around < np.median(light_around))
     face = graph.components((graph.weight > 0) & inner[graph.first] & inner[graph.second])
     inner &= np.bincount(face)[face] >= config.least_region
     return np.where(inner, face, -1).astype(np.int64)
