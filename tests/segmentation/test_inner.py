@@ -64,11 +64,11 @@ def test_the_inner_face_beyond_a_hem_is_found_and_no_outer_face(two_layers_m, no
 
 
 def test_thin_cloth_in_the_light_is_no_inner_face_nor_is_thick_cloth_in_the_dark():
-    assert (found(*garment(), dark=110.0) < 0).all()
+    clusters, graph, face = garment()
+    assert (found(clusters, graph, face, dark=110.0) < 0).all()
     for further_m in (TWO_LAYERS_M, 0.05):  # thick, and nothing at its back that could be measured
-        thick, graph, face = garment()
-        thick.place_m[face == 1, 2] -= further_m
-        assert (found(thick, graph, face) < 0).all()
+        clusters.place_m[face == 1, 2] -= further_m
+        assert (found(clusters, graph, face) < 0).all()
 
 
 @pytest.mark.parametrize("two_layers_m", [0.0, 0.05])
