@@ -163,21 +163,15 @@ def _answers(page: Any) -> dict[str, float]:
         " flatcloth.toScreen(u + at(l.cols, 37 * i), v + at(l.rows, 61 * i))); }",
         POINTS,
     )
-    page.evaluate(
-        "window.flatcloth_drawn = () =>"
-        " [flatcloth.sceneMarks.drawn.map((mark) => mark?.id), flatcloth.marksDrawn]"
-    )
-    clicks = [
-        _timed(page, "pointerup", "plane", lambda at=at: page.mouse.click(at["x"], at["y"]))
-        for at in on_plane
-    ]
-    in_scene_ms, on_plane_ms = zip(*clicks, strict=True)
+    page.evaluate("window.flatcloth_drawn = () => [flatcloth.sceneMarks.drawn, flatcloth.marksDrawn]")
     frame = page.locator("#viser").bounding_box()
-    in_scene = [
-        {"x": frame["x"] + mark["x"], "y": frame["y"] + mark["y"]}
-        for mark in page.evaluate("flatcloth.sceneMarks.drawn")
-        if mark is not None and mark["inside"]
-    ]
+    clicks, in_scene = [], []
+    for at in on_plane:
+        clicks.append(_timed(page, "pointerup", "plane", lambda at=at: page.mouse.click(at["x"], at["y"])))
+        (mark,) = page.evaluate("flatcloth.sceneMarks.drawn")  # the next click takes this one's place
+        if mark is not None and mark["inside"]:
+            in_scene.append({"x": frame["x"] + mark["x"], "y": frame["y"] + mark["y"]})
+    in_scene_ms, on_plane_ms = zip(*clicks, strict=True)
     page.evaluate("window.flatcloth_drawn = () => [flatcloth.sceneMarks.cursorAt]")
     hovers = [
         _timed(page, "pointermove", "plane", lambda at=at: page.mouse.move(at["x"] + 1, at["y"]))[0]

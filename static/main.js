@@ -293,7 +293,7 @@ const shown = {
   frame: () => capture.frame,
   teaching: () => teaching?.status ?? { open: false },
   layerRevision: () => canvas.layerRevision,
-  marksDrawn: () => canvas.marksDrawn.map(({ id }) => id),
+  marksDrawn: () => canvas.marksDrawn,
   layerShown: () => canvas.layer.shown?.address ?? null,
   pairEnds: () => repair.status.ends,
   differenceShown: () => comparison.shownKind,

@@ -46,7 +46,6 @@ export class PageAddress extends PagePart {
 
   constructor(/** @type {Page} */ page) {
     super(page);
-    addEventListener("popstate", () => this.go());
     addEventListener("hashchange", () => this.go());
     this.begin();
   }
@@ -73,24 +72,20 @@ export class PageAddress extends PagePart {
     if (!this.applied) {
       this.applied = true;
       this.apply(this.asked);
-      return this.write(true);
     }
-    this.write(false);
+    // Kept up to date, so that it can be copied and loaded again; the browser's history has one entry.
+    const text = writeAddress(this.now);
+    if (text !== location.hash && text !== "#") history.replaceState(null, "", text);
   }
 
   /** What the page shows, as an address. @returns {Address} */
   get now() {
-    return { place: this.place, view: this.page.lookedAt, pick: this.page.state?.pick?.id ?? null };
+    const { picks, pick } = this.page.state;
+    const kept = picks.some(({ id, kept }) => kept && id === pick?.id); // another goes with the next click
+    return { place: this.place, view: this.page.lookedAt, pick: (kept && pick?.id) || null };
   }
 
-  write(/** @type {boolean} */ first) {
-    const text = writeAddress(this.now);
-    if (text === location.hash || (text === "#" && !location.hash)) return;
-    if (first || !location.hash || this.page.playing) history.replaceState(null, "", text);
-    else history.pushState(null, "", text);
-  }
-
-  /** The browser has gone back or forward, or an address was typed. */
+  /** An address was typed. */
   go() {
     if (!this.known || !this.page.state) return;
     const asked = readAddress(location.hash);

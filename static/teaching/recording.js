@@ -10,12 +10,13 @@ import { viewName } from "./rotation.js";
 /** @type {Record<string, StageCode>} */
 export const RECORDING_STAGES = {
   overview: {
-    facts: ({ start: lesson }) => [
+    // Of the session's own start view: all views need not be compared for it.
+    facts: ({ flattening: lesson }) => [
       ["Views", String(lesson.angles_deg.length)],
-      ["The first one shows", cm2(lesson.array.area_cm2[lesson.view_index])],
+      ["The first one shows", cm2(lesson.area_cm2)],
       ["It is seen at", degrees(lesson.angles_deg[lesson.view_index], 0)],
     ],
-    draw(sheet, rect, { start: lesson }) {
+    draw(sheet, rect, { flattening: lesson }) {
       const { image, color: flat } = lesson.picture;
       const [left, right] = columns(rect, [1, 1]);
       sheet.image("image", image, imageBox(image), sheet.titled(left, "One of the views", "as the item hangs"));

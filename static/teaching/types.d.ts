@@ -123,6 +123,7 @@ declare global {
     local: Int32Array;
   };
   type FlatteningLesson = Lesson & {
+    angles_deg: number[];
     levels: Level[];
     flat: Grid;
     area_cm2: number;

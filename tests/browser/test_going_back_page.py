@@ -28,8 +28,8 @@ def test_an_operator_goes_back_asks_why_and_places_by_handles(open_tab, program)
     tab.ready()
     first, second = tab.click_shape(0.25, 0.5)["id"], tab.click_shape(0.75, 0.5)["id"]
     page.wait_for_url(re.compile(rf"#session/.*pick={second}$"))
-    page.go_back()
-    tab.until(f"flatcloth.pick.id === {first}")
+    page.get_by_role("button", name="Show Pick 1").click()
+    page.wait_for_url(re.compile(rf"#session/.*pick={first}$"))
     sent = page.url
     ghosts_and_handles(tab)
     page.keyboard.press("Backspace")

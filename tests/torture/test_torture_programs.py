@@ -78,7 +78,7 @@ def lines_of(journal: Path) -> bytes:
 
 
 def picked(url: str, token: str, rng: random.Random) -> set[int]:
-    """Pick places of the shape until a random moment; return the picks that the page has shown."""
+    """Pick and keep places of the shape until a random moment; return the picks that were shown as kept."""
     state: dict[str, Any] = {}
     seen: set[int] = set()
     until = time.monotonic() + (60.0 if rng.random() < 0.8 else rng.uniform(0.0, 2.0))
@@ -91,18 +91,18 @@ def picked(url: str, token: str, rng: random.Random) -> set[int]:
     ) as socket:
         while (left := until - time.monotonic()) > 0:
             with contextlib.suppress(TimeoutError):
-                message = json.loads(socket.recv(timeout=left))
-                if message["type"] != "state":
+                if (message := json.loads(socket.recv(timeout=left)))["type"] != "state":
                     continue
                 state |= message  # what has changed
-                seen = {pick["id"] for pick in state["picks"]}
+                seen = {pick["id"] for pick in state["picks"] if pick["kept"]}
                 if layers := state["layers"]:
                     if not shown:
                         shown, until = True, time.monotonic() + rng.uniform(0.0, 1.0)
                     (u, v), size = layers["origin_uv_m"], layers["pixel_size_m"]
-                    u += size * layers["cols"] * rng.random()
-                    v += size * layers["rows"] * rng.random()
-                    socket.send(json.dumps({"type": "pick", "u_m": u, "v_m": v}))
+                    u, v = u + size * layers["cols"] * rng.random(), v + size * layers["rows"] * rng.random()
+                    loose = [pick["id"] for pick in state["picks"] if not pick["kept"]]
+                    keep = [{"type": "show_pick", "id": number, "keep": True} for number in loose]
+                    socket.send(json.dumps([*keep, {"type": "pick", "u_m": u, "v_m": v}][0]))
     return seen
 
 

@@ -151,10 +151,10 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
         ({"type": "pick", "u_m": 0.0, "v_m": 0.1}, {"pick.id": 1, "pick.in_shape": True, "pick.miss_m": 0}),
         ({"type": "show_pick", "id": 1, "keep": True}, {"picks.0.kept": True}),
         ({"type": "pick", "u_m": 0.02, "v_m": 0.1}, {"pick.id": 2, "picks.1.kept": False}),
-        ({"type": "pick", "u_m": 0.0, "v_m": 0.1}, {"pick.id": 3, "picks.1.id": 3}),
+        ({"type": "pick", "u_m": 0.0, "v_m": 0.1}, {"pick.id": 2, "picks.-1.id": 2}),
         ({"type": "rename_pick", "id": 1, "name": "  collar <b> "}, {"picks.0.name": "collar <b>"}),
         ({"type": "show_pick", "id": 1}, {"pick.id": 1, "pick.name": "collar <b>"}),
-        ({"type": "delete_pick", "id": 1}, {"pick": None, "picks.0.id": 3}),
+        ({"type": "delete_pick", "id": 1}, {"picks.0.id": 2}),
         ({"type": "show_pick", "id": 1}, {"note": "no longer"}),
     ]),
     "another part of the view is taken and placed by hand": ({}, [

@@ -76,7 +76,7 @@ class PageController(ABC):
         self.settings = SettingsStore(self.place, Settings(auto_threshold=integration.accept_score))
         self._auto = AutoInfo()
         self._log: tuple[Note, ...] = ()
-        self._picks = PickStore(folder, integration.axis, self._highlight)
+        self._picks = PickStore(folder, integration, self._highlight)
         self._both = BothSides(integration)
         self.garments = GarmentService(integration, self._both)
         self.picture: Picture | None = None  # what is shown at present; immutable
@@ -107,7 +107,7 @@ class PageController(ABC):
     @property
     def grips(self) -> Mapping[int, Grip]:
         """The grips of picks for which the operator chose one."""
-        return self._picks.grips
+        return self._picks.book.grips
 
     def both(self) -> BothSides | None:
         """Return the other side of the item if the page shows it."""
@@ -176,7 +176,7 @@ class PageController(ABC):
         frames = GraspFrames(
             axis=self.integration.axis,
             rotation_deg=picture.angle_deg if rotation_deg is None else rotation_deg,
-            grips=self._picks.grips,
+            grips=self.grips,
             base_from_camera=base_from_camera,
         )
         named = self.named_points() if with_garment else ()

@@ -276,7 +276,6 @@ class Application(PageController):
         )
 
     def _turned_about(self, axis: RotationAxis, text: str) -> None:
-        self._picks.turn_about(axis)
         self.scene.set_axis(axis)
         self.draw_again()
         self.tell(None, "info", text)

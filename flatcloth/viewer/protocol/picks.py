@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import camera_from_object, object_from_camera
 from flatcloth.core.types import FlattenedView, Floats, RotationAxis, finite
+from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import (
     LOST_AT_M,
     GraspPose,
@@ -48,53 +49,57 @@ class Place:
         return self.distance_m <= LOST_AT_M
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class CurrentPick:
     """The pick shown in both panes; ``miss_m`` is the distance of the click from the cloth."""
 
     pick: Pick
-    miss_m: float = 0.0
-    grip: Grip = field(default_factory=Grip)
+    miss_m: float
+    grip: Grip
 
 
 class PickStore:
     """Adds, shows, renames and deletes picks; used by the application thread only.
 
-    ``added(pick, uv_m)`` is called as soon as a new pick is stored, before its grasp pose is computed.
-    The pick of a click is ``loose``: it goes with the next click, unless it is kept or named.
+    ``added(pick, uv_m)`` is called as soon as a new pick is found, before its grasp pose is computed.
+    The pick of a click is loose: the next click replaces it, unless it is stored: kept, named or gripped.
     """
 
     def __init__(
-        self,
-        folder: SessionFolder,
-        axis: RotationAxis,
-        added: Callable[[Pick, UV], None] = lambda _pick, _uv_m: None,
+        self, folder: SessionFolder, integration: Integration, added: Callable[[Pick, UV], None]
     ) -> None:
         self._folder = folder
-        self._axis = axis
+        self._integration = integration
         self._added = added
         self._pose: tuple[Picture, CurrentPick, GraspPose | None] | None = None
         self._shown: tuple[int, int] | None = None  # what the places belong to
         self._places: dict[tuple[SheetSide, bytes], Place] = {}
         # A session in memory also has its grips in memory.
-        self._book = GripStore(getattr(folder, "folder", None))
-        self.picks: tuple[Pick, ...] = folder.picks
-        self.current: CurrentPick | None = None
-        self.loose = 0  # none
+        self.book = GripStore(getattr(folder, "folder", None))
+        self._loose: Pick | None = None
+        self._current: tuple[int | None, float] = None, 0.0  # its number, and how far the click missed
 
-    def turn_about(self, axis: RotationAxis) -> None:
-        """Set the turning axis."""
-        self._axis = axis
-        self._pose = None
+    @property
+    def picks(self) -> tuple[Pick, ...]:
+        """The stored picks, and the loose one."""
+        return self._folder.picks if self._loose is None else (*self._folder.picks, self._loose)
+
+    @property
+    def current(self) -> CurrentPick | None:
+        """The pick shown in both panes."""
+        number, miss_m = self._current
+        found = [CurrentPick(p, miss_m, self.book.get(p.id)) for p in self.picks if p.id == number]
+        return found[0] if found else None
 
     def pose(self, picture: Picture) -> GraspPose | None:
         """Return the current pick's grasp pose on a shape; None without one, or if its normal is unknown."""
         current = self.current
         if current is None or (current.pick.side == "other" and picture.other is None):
             return None
-        if self._pose is None or self._pose[0] is not picture or self._pose[1] is not current:
-            position, normal = current.pick.position_held_m, current.pick.normal_held
-            pose = grasp_pose(picture.side(current.pick.side), position, normal, self._axis, current.grip)
+        if self._pose is None or self._pose[0] is not picture or self._pose[1] != current:
+            pick, axis = current.pick, self._integration.axis
+            place = pick.position_held_m, pick.normal_held
+            pose = grasp_pose(picture.side(pick.side), *place, axis, current.grip)
             self._pose = picture, current, pose
         return self._pose[2]
 
@@ -107,16 +112,20 @@ class PickStore:
         name: str = "",
         side: SheetSide = "this",
     ) -> None:
-        """Pick the cloth of a side nearest to a position of its plane, store the pick and show it."""
+        """Pick the cloth of a side nearest to a position of its plane, and show the pick."""
         grasp = grasp_at(_shown(picture).side(side), (u_m, v_m))
-        if any(pick.id == self.loose for pick in self.picks):
-            self.delete(self.loose)
-        number = max((p.id for p in self.picks), default=0) + 1
-        place = grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc
-        pick = self._folder.add_pick(name or f"Pick {number}", *place, side)
-        self.picks, self.loose = (*self.picks, pick), pick.id
+        number = max((p.id for p in self._folder.picks), default=0) + 1
+        self._loose = pick = Pick(
+            id=number,
+            name=name or f"Pick {number}",
+            position_held_m=grasp.position_held_m,
+            normal_held=grasp.normal_held,
+            view_index=grasp.view_index,
+            source_rc=grasp.source_rc,
+            side=side,
+        )
         self._added(pick, grasp.uv_m)
-        self.current = CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m)
+        self._current = number, grasp.miss_m if miss_m is None else miss_m
 
     def add_on_ray(
         self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
@@ -154,20 +163,12 @@ class PickStore:
         if distance_m > TOO_FAR_M:
             raise FlatclothError(f"The nearest cloth is {1000 * distance_m:.0f} mm away; give another point.")
         self.add(picture, u_m, v_m, miss_m=distance_m, name=name.strip(), side=side)
-        self.loose = 0
-        return self.picks[-1]
-
-    @property
-    def grips(self) -> Mapping[int, Grip]:
-        """The operator's choices for gripping the picks."""
-        return self._book.grips
+        return self._kept(self.picks[-1].id)
 
     def show(self, pick_id: int | None, *, keep: bool = False) -> None:
         """Make a pick of the list the current one, or none; ``keep`` it in the list."""
-        self.current = None
-        self.loose = 0 if keep and self.loose == pick_id else self.loose
-        if pick_id is not None:
-            self.current = CurrentPick(pick=self._listed(pick_id), grip=self._book.get(pick_id))
+        listed = self._kept if keep else self._listed
+        self._current = None if pick_id is None else listed(pick_id).id, 0.0
 
     def listed(self, picture: Picture | None) -> tuple[ListedPick, ...]:
         """Return the list for the page, with the place of each pick on the shape."""
@@ -183,7 +184,7 @@ class PickStore:
                     view_index=pick.view_index,
                     position_held_m=(x, y, z),
                     uv_m=place.uv_m if place is not None and place.in_shape else None,
-                    kept=pick.id != self.loose,
+                    kept=pick is not self._loose,
                 )
             )
         return tuple(found)
@@ -193,7 +194,7 @@ class PickStore:
         if self.current is None or picture is None:
             return None
         place = self._place_of(self.current.pick, picture)
-        return pick_info(self.current, place, picture, self._axis, self.pose(picture))
+        return pick_info(self.current, place, picture, self._integration.axis, self.pose(picture))
 
     def _place_of(self, pick: Pick, picture: Picture) -> Place | None:
         """Return the pixel nearest to a pick, of the cloth of its side; None if that side is not known."""
@@ -202,15 +203,14 @@ class PickStore:
         shown = picture.revision, 0 if picture.other is None else picture.other.revision
         if shown != self._shown:
             self._shown, self._places = shown, {}
-        position_m = np.asarray(pick.position_held_m, dtype=np.float64)
-        key = pick.side, position_m.tobytes()
+        key = pick.side, pick.position_held_m.tobytes()
         if key not in self._places:
-            self._places[key] = _place(picture.side(pick.side), position_m, pick.side)
+            self._places[key] = _place(picture.side(pick.side), pick.position_held_m, pick.side)
         return self._places[key]
 
     def grip(self, picture: Picture | None, asked: SetGrip) -> None:
         """Change a pick's grip: its axis, as an angle on the plane or along the outline; its opening."""
-        pick, grip = self._listed(asked.id), self._book.get(asked.id)
+        pick, grip = self._kept(asked.id), self.book.get(asked.id)
         if asked.outline:
             grip = replace(grip, axis_held=None)
         elif asked.axis_deg is not None:
@@ -218,29 +218,31 @@ class PickStore:
             grip = replace(grip, axis_held=by_hand)
         if asked.opening_m is not None:
             grip = replace(grip, opening_m=asked.opening_m)
-        self._book.set(asked.id, grip)
-        if self.current is not None and self.current.pick.id == asked.id:
-            self.current = replace(self.current, grip=grip)
+        self.book.set(pick.id, grip)
 
     def rename(self, pick_id: int, name: str) -> None:
         """Rename a pick."""
-        self._listed(pick_id)
-        self._folder.record(PickRenamed(pick_id, name))
-        self.loose = 0 if self.loose == pick_id else self.loose
-        self._reload()
+        self._folder.record(PickRenamed(self._kept(pick_id).id, name))
 
     def delete(self, pick_id: int) -> None:
         """Remove a pick from the list."""
-        self._listed(pick_id)
-        self._folder.record(PickDeleted(pick_id))
-        self._book.forget(pick_id)
-        self._reload()
+        if self._listed(pick_id) is self._loose:
+            self._loose = None
+        else:
+            self._folder.record(PickDeleted(pick_id))
+            self.book.forget(pick_id)
 
-    def _reload(self) -> None:
-        self.picks = self._folder.picks
-        if self.current is not None:
-            found = [p for p in self.picks if p.id == self.current.pick.id]
-            self.current = replace(self.current, pick=found[0]) if found else None
+    def _kept(self, pick_id: int) -> Pick:
+        """Return a pick of the list, the loose one stored."""
+        pick = self._listed(pick_id)
+        if pick is not self._loose:
+            return pick
+        place = pick.position_held_m, pick.normal_held, pick.view_index, pick.source_rc
+        stored = self._folder.add_pick(pick.name, *place, pick.side)
+        self._loose = None
+        if self._current[0] == pick_id:
+            self._current = stored.id, self._current[1]
+        return stored
 
     def _listed(self, pick_id: int) -> Pick:
         for pick in self.picks:
@@ -296,11 +298,10 @@ def pick_info(
 ) -> PickInfo:
     """Return all numbers of the current pick, with its grasp pose, for the page and the clipboard."""
     pick = current.pick
-    position = np.asarray(pick.position_held_m, dtype=np.float64)
-    normal = np.asarray(pick.normal_held, dtype=np.float64)
+    position, normal = pick.position_held_m, pick.normal_held
     at_camera, normal_camera = camera_from_object(axis, picture.angle_deg).apply_with_normal(position, normal)
     is_there = place is not None and place.in_shape
-    angles_deg = picture.side(pick.side).z_angle_deg if is_there else None
+    z_angle_deg = float(picture.side(pick.side).z_angle_deg[place.rc]) if place and is_there else None
     values = {
         "id": pick.id,
         "name": pick.name,
@@ -313,7 +314,7 @@ def pick_info(
         "normal_held": [finite(x) for x in normal.tolist()],
         "normal_camera": [finite(x) for x in normal_camera.tolist()],
         "angle_deg": picture.angle_deg,
-        "z_angle_deg": None if place is None or angles_deg is None else finite(float(angles_deg[place.rc])),
+        "z_angle_deg": None if z_angle_deg is None else finite(z_angle_deg),
         "view_index": pick.view_index,
         "source_rc": pick.source_rc,
         "miss_m": current.miss_m,

@@ -234,9 +234,9 @@ def _frames(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _same(before: tuple[Any, ...], now: tuple[Any, ...]) -> bool:
-    """Say whether the parts are the same objects; mappings are compared by their content."""
+    """Say whether the parts are the same objects; lists and mappings are compared by their content."""
     return len(before) == len(now) and all(
-        a == b if isinstance(b, dict) else a is b for a, b in zip(before, now, strict=True)
+        a == b if isinstance(b, dict | tuple) else a is b for a, b in zip(before, now, strict=True)
     )
 
 
