@@ -27,12 +27,6 @@ export interface Preview {
   id: number;
 }
 
-/** Lay the pending view back at the best place that the method has found. */
-export interface BackToBest {
-  type: "back_to_best";
-  view_index: number;
-}
-
 /** Place another connected part of the pending view, the largest being 0. */
 export interface TakePart {
   type: "take_part";
@@ -303,7 +297,6 @@ export type ClientMessage =
   | Do
   | Move
   | Preview
-  | BackToBest
   | TakePart
   | LeaveOut
   | PlacePiece
@@ -597,7 +590,6 @@ export interface Progress {
 export interface PendingInfo {
   view_index: number;
   side: string | null;
-  best_score: number | null;
   score: number | null;
   why: string;
   again: boolean;

@@ -7,7 +7,6 @@ import { cm2, number } from "../page/format.js";
 
 const REACH_PX = 11;
 const SEEN_EVERY_MS = 60;
-const FAR_BELOW = 0.2; // of the score: so much below the best place is far from it
 const LEAST_GAIN = 0.005; // of the score
 
 /** @typedef {{ own: UV; shape: UV | null }} Pair `own` is a place in the proposal's own plane */
@@ -28,7 +27,6 @@ export class Repair {
     this.actions = {
       pairs: () => this.toggle(),
       fit_pairs: settled(() => this.sendPairs(true)),
-      back_to_best: settled(() => this.backToBest()),
       refine: settled(() => this.view !== null && page.send({ type: "refine", view_index: this.view })),
     };
     this.question = page.question(
@@ -60,13 +58,8 @@ export class Repair {
     rebuild(tools, ["repair"], () => [this.page.button("pairs"), this.page.button("refine", "Refine")]);
     setPressed(buttonOf("pairs", tools), this.picking);
     setPressed(buttonOf("refine", tools), false);
-    rebuild(byId("back-to-best"), ["best"], () => [this.page.button("back_to_best")]);
     this.showPieces(state.pending);
     this.showPairs();
-  }
-
-  backToBest() {
-    if (this.view !== null) this.page.send({ type: "back_to_best", view_index: this.view });
   }
 
   /** The connected parts of the view, if it has several: which one is placed. */
@@ -131,7 +124,6 @@ export class Repair {
     const better = `Refined from here: ${fit(refined, message.refined_apart_mm)}.`;
     const here = this.canvas.isMoved ? `At this place: score ${fit(message.score, message.apart_mm)}. ` : "";
     setText(byId("fit-here"), message.why || here + (refined - score < LEAST_GAIN ? "" : better));
-    byId("back-to-best").hidden = Math.max(score, refined) >= (this.pending.best_score ?? 0) - FAR_BELOW;
   }
 
   // --- pairs -----------------------------------------------------------------------------------

@@ -141,7 +141,7 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
     hands.reopen(bad)
     tab.until(f"flatcloth.state.pending?.view_index === {bad} && !flatcloth.state.drawing")
     assert tab.state()["pending"]["score"] < 0.75
-    hands.do("back_to_best")
+    hands.do("refine")
     tab.until("flatcloth.state.pending.score >= 0.75")
     hands.do("accept")
     tab.until("flatcloth.state.pending === null && !flatcloth.state.drawing")

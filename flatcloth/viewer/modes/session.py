@@ -172,9 +172,6 @@ class Application(PageController):
                 if nudge is not None:
                     self._by_hand(nudge)
                 self.tabs.tell(client, fit)
-            case messages.BackToBest(view_index=view):
-                pending = repair.meant(self._state.document, view)
-                self._by_hand(session_work.back_to_best(pending, self._overlay))
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
             case messages.SetAxis(apply=apply):

@@ -25,7 +25,6 @@ from flatcloth.session.machine import (
     Command,
     Document,
     Event,
-    Nudge,
     Pending,
     Reopen,
     Request,
@@ -281,20 +280,6 @@ def joins(integration: Integration, document: Document) -> bool:
     assert pending is not None
     made = integration.canonical(accept(document, None))
     return is_on_shape(integration.views, made, pending.view_index, pending.component)
-
-
-def back_to_best(pending: Pending, overlay: Overlay | None) -> Nudge:
-    """Return the decision that moves a proposal to the best place that the method has found.
-
-    Raises
-    ------
-    FlatclothError
-        If the proposal is not drawn yet.
-    """
-    if overlay is None or overlay.proposal.view_index != pending.view_index:
-        raise FlatclothError("The proposal is being drawn; lay it back again in a moment.")
-    best = overlay.proposal.alignment.current_from_new
-    return Nudge(pending.view_index, best @ pending.current_from_new.inverse())
 
 
 def placed(document: Document, overlay: Overlay | None) -> tuple[Pending, Overlay] | None:

@@ -181,13 +181,6 @@ ACTIONS: tuple[Action, ...] = (
         "proposal",
     ),
     Action(
-        "back_to_best",
-        "Best place",
-        ("Backspace",),
-        "Lay the proposal back at the best place that was found.",
-        "proposal",
-    ),
-    Action(
         "diagnostics",
         "Diagnostics",
         ("i",),

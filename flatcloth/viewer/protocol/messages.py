@@ -79,12 +79,6 @@ class Move(Said, tag="move", frozen=True, kw_only=True):
     v_m: Metres = 0.0
 
 
-class BackToBest(Said, tag="back_to_best", frozen=True, kw_only=True):
-    """Lay the pending view back at the best place that the method has found."""
-
-    view_index: Count
-
-
 class Preview(Move, tag="preview", frozen=True, kw_only=True):
     """Ask how the pending view would fit if it were moved so; ``id`` comes back with the answer."""
 

@@ -125,7 +125,7 @@ def _pending(document: Document, picture: Picture | None) -> PendingInfo | None:
         nudge=_motion(_about_center(pending, overlay)),
         why=pending.why,
         again=pending.again is not None,
-        **({"best_score": pending.score} if overlay is None else _computed(pending, overlay)),
+        **({} if overlay is None else _computed(pending, overlay)),
     )
 
 
@@ -133,7 +133,6 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     """Return what the method has computed for a proposal, as fields of it."""
     placement = overlay.proposal.placement
     return {
-        "best_score": placement.alignment.score.total,
         "pieces": tuple(
             PendingPart(
                 component=part.component,

@@ -271,13 +271,12 @@ class GhostInfo(Sent, frozen=True):
 class PendingInfo(Sent, frozen=True):
     """The proposal. What the method computes with it has a default while it is being drawn.
 
-    ``best_score`` is that of the best place that the method has found. ``joins`` is of a proposal that was
-    moved by hand: whether its cloth belongs to the shape if it is accepted there; None: not known yet.
+    ``joins`` is of a proposal that was moved by hand: whether its cloth belongs to the shape if it is
+    accepted there; None: not known yet.
     """
 
     view_index: int
     side: str | None
-    best_score: float | None
     score: float | None
     why: str
     again: bool
