@@ -82,7 +82,7 @@ class ByKeys(ByMouse):
 
     def do(self, action):
         key = next(a["keys"][0] for a in self.tab.state()["actions"] if a["name"] == action)
-        *held, last = key.split("+")
+        *held, last = key.replace("Ctrl", "Control").split("+")
         self.page.keyboard.press("+".join([*held, last.upper() if held and len(last) == 1 else last]))
 
     def press(self, data_id):
