@@ -355,14 +355,15 @@ def test_the_operator_page_turns_the_grip_and_hands_out_the_offline_page(
 ) -> None:
     tab = open_tab(1600, 900).ready()
     tab.click_shape()
-    axis = tab.page.get_by_label("Axis °")
-    axis.fill("25")
-    axis.press("Enter")
-    tab.until("flatcloth.pick.grip.axis_from === 'hand'")
-    opening = tab.page.get_by_label("Open mm")
-    opening.fill("65")
-    opening.press("Enter")
-    tab.until("flatcloth.pick.grip.opening_m === 0.065")
+    tab.page.get_by_text("Set the grip").click()
+    for label, value, done in (
+        ("Axis °", "25", "axis_from === 'hand'"),
+        ("Open mm", "65", "opening_m === 0.065"),
+    ):
+        box = tab.page.get_by_label(label)
+        box.fill(value)
+        box.press("Enter")
+        tab.until(f"flatcloth.pick.grip.{done}")
     assert tab.pick()["grip"]["axis_deg"] == pytest.approx(25, abs=1)
     tab.shoot("grip")
     tab.page.get_by_role("button", name="Outline").click()

@@ -20,10 +20,10 @@ def test_auto_runs_as_far_as_the_settings_say(open_tab):
     page = tab.page
     page.keyboard.press("Control+,")
     page.get_by_label("Auto runs until", exact=True).select_option("views")
+    tab.until("flatcloth.state.settings.auto_until === 'views'")
     page.get_by_label("This many views", exact=True).fill("2")
     page.get_by_label("This many views", exact=True).press("Tab")
     tab.until("flatcloth.state.settings.auto_views === 2")
-    tab.shoot("auto-until")
     page.keyboard.press("Escape")
     page.locator("[data-action=auto]").click()
     tab.until("flatcloth.state.auto.ended && !flatcloth.state.drawing")

@@ -17,7 +17,7 @@ IDLE = "flatcloth.state.request === null"
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Every third view of a bundled recording, without its masks."""
-    folder = few_views("shirt-sleeve-clean", 3, tmp_path_factory.mktemp("bare") / "shirt")
+    folder = few_views("shirt-corner-d435", 3, tmp_path_factory.mktemp("bare") / "shirt")
     header = json.loads((folder / "recording.json").read_text())
     header["views"] = [{k: v for k, v in view.items() if k != "mask"} for view in header["views"]]
     (folder / "recording.json").write_text(json.dumps(header))
