@@ -17,7 +17,7 @@ def test_what_placed_a_proposal_is_told_by_pairs(open_tab):
     tab.page.keyboard.press("i")
     tab.until("flatcloth.diagnostics.known !== null")
     the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(tab)
-    tab.page.keyboard.press("Backspace")
+    tab.page.keyboard.press("Control+i")
     tab.until("flatcloth.state.pending.score > 0.75 && !flatcloth.state.drawing")
     # The panel goes with the proposal, and comes back with the next.
     first = tab.page.evaluate("flatcloth.diagnostics.known.reasons.view_index")

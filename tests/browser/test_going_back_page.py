@@ -32,7 +32,7 @@ def test_an_operator_goes_back_asks_why_and_places_by_handles(open_tab, program)
     page.wait_for_url(re.compile(rf"#session/.*pick={first}$"))
     sent = page.url
     ghosts_and_handles(tab)
-    page.keyboard.press("Backspace")
+    page.keyboard.press("Control+i")
     tab.until("flatcloth.state.pending.score >= 0.75 && !flatcloth.state.drawing")
     tab.accept()
     why_it_is_joined(tab)

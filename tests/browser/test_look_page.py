@@ -61,7 +61,7 @@ def test_a_proposal_goes_where_it_is_seen_to_go_and_what_is_measured_follows(ope
 
 def back(tab):
     """Bring the proposal back to its best place, and the view back as it was."""
-    tab.page.keyboard.press("Backspace")
+    tab.page.keyboard.press("Control+i")
     tab.until("flatcloth.state.pending.score > 0.75 && !flatcloth.state.drawing")
     chip = tab.page.locator(".turned")
     if chip.is_visible():
@@ -200,11 +200,11 @@ def nudges_go_where_they_are_seen_to_go(tab):
     tab.page.keyboard.press("ArrowDown")
     tab.until("flatcloth.state.pending.nudge.u_mm > 1")
     nudge = tab.state()["pending"]["nudge"]
-    assert (nudge["u_mm"], nudge["v_mm"]) == (pytest.approx(2.0), pytest.approx(0.0, abs=1e-9))
+    assert (nudge["u_mm"], nudge["v_mm"]) == (pytest.approx(2.0, abs=1e-3), pytest.approx(0.0, abs=1e-3))
     tab.page.keyboard.press("Shift+F")
     tab.page.keyboard.press("]")  # clockwise as seen, so the other way round on the plane
     tab.until("Math.abs(flatcloth.state.pending.nudge.theta_deg) > 0.5")
-    assert tab.state()["pending"]["nudge"]["theta_deg"] == pytest.approx(-1.0)
+    assert tab.state()["pending"]["nudge"]["theta_deg"] == pytest.approx(-1.0, abs=0.01)
 
 
 def the_proposal_follows_the_pointer_on_a_turned_view(tab):
