@@ -80,7 +80,7 @@ class RobustConfig:
     """The method ``robust``."""
 
     accept_confidence: float = 0.5
-    """Least score of a proposal that is accepted without an operator: its cloth is nearer than 15 mm."""
+    """Least score of a proposal that is accepted without an operator: half at 15 mm (``scoring.py``)."""
     most_views: int = 14
     """Views of a limited run (``Run.is_limited``); otherwise the gain alone decides.
 

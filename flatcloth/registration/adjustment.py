@@ -137,8 +137,8 @@ def _shares(features: tuple[ViewFeatures, ...], pairs: tuple[PairFit, ...]) -> F
 def _put_back(registered: Registered, pairs: _Linear) -> Float64:
     """Return the unknowns (N, 3) of the views, 0 for those whose pairs do not outweigh where it was recorded.
 
-    One wrong pair of a view that no other joins turns it as far as it likes. The motion of a view, by the
-    smallest grade, and pairs that contradict its recorded pose both have the price of Student's t.
+    A view that only one pair joins follows that pair, however wrong. So two costs are compared, both the
+    negative log likelihood of Student's t: of its motion at the smallest grade, of its pairs without it.
     """
     own, recorded = registered.own, np.zeros_like(registered.own)
     against = np.zeros(len(own))

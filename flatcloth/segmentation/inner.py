@@ -42,7 +42,7 @@ def inner_faces(
     config : SegmentationConfig
         Sizes.
     noisy : bool
-        Whether the sensor is.
+        Whether most views have a sensor's noise.
     """
     a, b, depth_m, sure = back_to_back(clusters, config.near_m, config)
     ends = np.append(a, b)

@@ -91,10 +91,8 @@ class Divisions:
         pairs, self._pair = np.unique(ends[between] @ [self._cores, 1], return_inverse=True)
         self._first, self._second = pairs // self._cores, pairs % self._cores
         first, second, middle, count = first[between], second[between], middle[between], len(between)
-        self._weight, colored = (
-            weight[between] * self._side[first] * self._side[second],
-            second == graph.count,
-        )
+        colored = second == graph.count
+        self._weight = weight[between] * self._side[first] * self._side[second]
         joins = colored | (weight[between] > 0)
         self._factors: list[Float32] = []
         for _ in range(config.samples):

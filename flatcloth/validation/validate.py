@@ -104,7 +104,7 @@ def validate(
             pixels.append(np.column_stack(np.broadcast_arrays(error_mm, std_mm, view.view_index[known])))
             # Errors vary slowly over the cloth: what is not shown counts as wrong as the nearest that is.
             every_mm.append(error_mm[cKDTree(np.argwhere(known)).query(np.argwhere(view.valid))[1]])
-            pieces.append(_piece(name, every_mm[-1], flat_m, true_m))
+            pieces.append(_piece(name, every_mm[-1], error_mm, flat_m, true_m))
     if not pieces:
         raise KitError(f"{recording.location}: no marker lies in the shape; flatcloth run says what does.")
     error_mm, std_mm, source = np.concatenate(pixels).T
@@ -144,12 +144,11 @@ def _figures(error_mm: Float64, of: str = "") -> dict[str, float]:
     return {f"{of}median_mm": median_mm, f"{of}p95_mm": p95_mm}
 
 
-def _piece(name: str, error_mm: Float64, flat_m: Float64, true_m: Float64) -> dict[str, Any]:
+def _piece(name: str, all_mm: Float64, shown_mm: Float64, flat_m: Float64, true_m: Float64) -> dict[str, Any]:
     """Return the figures of a piece; ``longer_percent`` is how much too long it is as a whole."""
-    shown_mm = 1e3 * np.linalg.norm(flat_m - true_m, axis=1)
     relative_mm = 1e3 * relative_errors_m(flat_m, true_m, np.random.default_rng(0))
     longer = 100 * float(flat_m.std(axis=0).sum() / true_m.std(axis=0).sum() - 1.0)
-    absolute = _figures(error_mm) | _figures(shown_mm, "shown_")
+    absolute = _figures(all_mm) | _figures(shown_mm, "shown_")
     return {"piece": name} | absolute | _figures(relative_mm, "relative_") | {"longer_percent": longer}
 
 

@@ -126,7 +126,7 @@ export class PicksPanel extends PagePart {
       heading(`Picks${n ? ` (${n})` : ""}`, n > 0 && save),
       n
         ? make("ol.picks", ...picks.map((pick) => this.row(pick, pick.id === current)))
-        : make("p.nothing", "A pick that is kept stays here; else it goes with the next."),
+        : make("p.nothing", "Press Enter to keep a pick; otherwise the next click replaces it."),
     ];
   }
 
