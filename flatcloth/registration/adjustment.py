@@ -53,8 +53,6 @@ def solved(registered: Registered) -> Registered:
         registered = replace(
             registered, common=x[:COMMON], own=x[COMMON:].reshape(n, OWN), posterior=posterior
         )
-        if step == 0 and pairs is not None:
-            registered = replace(registered, own=_put_back(registered, pairs))
     likely = own > 0.0
     spread = Spread(chance=own[likely], root=roots[likely], off=means[likely] - x, matrix=matrix)
     return replace(registered, spread=spread)
@@ -134,34 +132,16 @@ def _shares(features: tuple[ViewFeatures, ...], pairs: tuple[PairFit, ...]) -> F
     return np.array([min(1.0, 4.0 / (sees[p.first] + sees[p.second])) for p in pairs])
 
 
-def _put_back(registered: Registered, pairs: _Linear) -> Float64:
-    """Return the unknowns (N, 3) of the views, 0 for those whose pairs do not outweigh where it was recorded.
-
-    A view that only one pair joins follows that pair, however wrong. So two costs are compared, both the
-    negative log likelihood of Student's t: of its motion at the smallest grade, of its pairs without it.
-    """
-    own, recorded = registered.own, np.zeros_like(registered.own)
-    against = np.zeros(len(own))
-    for end, ends_own in zip(pairs.ends, ((recorded, own), (own, recorded)), strict=True):
-        surprises = pairs.share * surprise(pairs.form, _pull(registered, pairs, ends_own))
-        np.add.at(against, end, MOTION * np.log1p(surprises / MOTION))
-    exact = variances(1, grades(registered.prior)[0], registered.prior)[COMMON:]
-    moved = OWN * np.log1p((np.square(own) / exact).sum(axis=1) / OWN)
-    return np.where((moved > against)[:, None], 0.0, own)
-
-
-def _pull(registered: Registered, pairs: _Linear, ends_own: tuple[Float64, Float64]) -> Float64:
-    """Return the gradients (P, 7) of the pairs, by unknowns (N, 3) of their first and their second views."""
-    moved = []
-    for end, own in zip(pairs.ends, ends_own, strict=True):
-        now, shifts = turns_and_shifts(
-            registered.axis, registered.held_point_m, registered.angles_deg, registered.common, own
-        )
-        turns = now @ pairs.known_turns.transpose(0, 2, 1)
-        shifts -= np.einsum("nij,nj->ni", turns, pairs.known_shifts_m)
-        moved.append((turns[end], shifts[end]))
+def _pull(registered: Registered, pairs: _Linear) -> Float64:
+    """Return the gradients (P, 7) of the pairs at the present unknowns."""
+    now, shifts = turns_and_shifts(
+        registered.axis, registered.held_point_m, registered.angles_deg, registered.common, registered.own
+    )
+    turns = now @ pairs.known_turns.transpose(0, 2, 1)
+    shifts -= np.einsum("nij,nj->ni", turns, pairs.known_shifts_m)
+    one, other = ((turns[end], shifts[end]) for end in pairs.ends)
     off = np.empty((len(pairs.at), UNKNOWNS))
-    off[:, :6] = twists_between(moved[0], moved[1], pairs.centers_m)
+    off[:, :6] = twists_between(one, other, pairs.centers_m)
     off[:, 6] = registered.fattening_px
     pull: Float64 = pairs.gradient + np.einsum("pij,pj->pi", pairs.form, off - pairs.solution)
     return pull
@@ -176,7 +156,7 @@ def _assembled(registered: Registered, pairs: _Linear | None, *, trusting: bool)
     size = COMMON + OWN * len(registered.features)
     if pairs is None:
         return np.zeros((size, size)), np.zeros(size)
-    pull, shares = _pull(registered, pairs, (registered.own, registered.own)), pairs.share
+    pull, shares = _pull(registered, pairs), pairs.share
     if not trusting:
         shares = shares * np.minimum(1.0, 2.0 * MOTION / (MOTION + shares * surprise(pairs.form, pull)))
     weighed = shares[:, None, None] * pairs.rows.transpose(0, 2, 1)

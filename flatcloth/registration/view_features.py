@@ -155,10 +155,10 @@ class Agreement:
     For each term: ``matrix`` (4, 7, 7) and ``gradient`` (4, 7) of half the weighted sum of squares,
     unscaled; ``scores`` (4, B, 7) the gradient by blocks of the image; ``spread`` (4,) of the
     differences, robust, NaN without any; ``likeness`` (3,) correlation of the texture; ``count``
-    compared points (both directions), ``parts`` (B,) by block; ``inertia`` (6, 6) the information
-    about the motion if displacements were observed in all directions. ``tally`` (3,): the points that
-    fall on the other image and face it, the sum of their weights by distance, and of the squared
-    distances (m^2) with these weights.
+    compared points (both directions), ``parts`` (B,) by block, ``inner`` off the outlines of both views;
+    ``inertia`` (6, 6) the information about the motion if displacements were observed in all directions.
+    ``tally`` (3,): the points that fall on the other image and face it, the sum of their weights by
+    distance, and of the squared distances (m^2) with these weights.
     """
 
     matrix: Float64
@@ -168,6 +168,7 @@ class Agreement:
     likeness: Float64
     count: int
     parts: Float64
+    inner: int
     inertia: Float64
     tally: Float64
 
@@ -336,6 +337,7 @@ def compare(
         likeness=np.where(energy > 0, sums.products[:, 2] / np.where(energy > 0, energy, 1.0), 0.0),
         count=points,
         parts=sums.parts,
+        inner=textured,
         inertia=_inertia(sums.moments),
         tally=sums.tally,
     )

@@ -125,6 +125,7 @@ def test_texture_that_agrees_by_half_has_a_quarter_of_the_curvature() -> None:
             likeness=np.full(TERMS - 1, likeness),
             count=40,
             parts=np.ones(40),
+            inner=40,
             inertia=1e20 * np.eye(6),  # the motion of systematic errors is none
             tally=np.zeros(3),
         )
