@@ -5,12 +5,16 @@ Numbers that may be unknown are ``float | None``; NaN is sent as ``null``, too.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from flatcloth.core.decoding import converted
+from flatcloth.core.parcel import Parcel
+from flatcloth.rendering import layers
 
 UV = tuple[float, float]
 """A place (u, v) on the flattened plane, in metres."""
@@ -98,6 +102,23 @@ def typed(values: Any, kind: type[T]) -> T:
 def encoded(message: Any) -> bytes:
     """Return a message, or other values, as JSON."""
     return _ENCODER.encode(message)
+
+
+def parcel_of(values: Any, arrays: Mapping[str, NDArray[Any]] | None = None) -> Parcel:
+    """Return values, which may be a struct, with arrays; NaN among the values is sent as ``null``.
+
+    Numbers of 64 bits are sent as 32 bits; an array (H, W, 4) of bytes is a picture.
+    """
+    parcel = Parcel(msgspec.json.decode(encoded(values)))
+    for name, array in (arrays or {}).items():
+        if array.dtype == np.uint8 and array.shape[2:] == (4,):
+            parcel.picture(name, layers.png(array), array.shape[:2])
+        else:
+            parcel.array(name, array, _SHORTER.get(array.dtype.name))
+    return parcel
+
+
+_SHORTER = {"float64": "float32", "int64": "int32"}
 
 
 def _builtin(value: Any) -> Any:

@@ -177,19 +177,12 @@ class SettingsStore:
         self.now = settings
 
     def _with(self, values: Mapping[str, Any], before: Settings) -> Settings:
-        for row in self.rows:
-            value, low, high = values.get(row.name), row.low, row.high
-            if (
-                isinstance(value, int | float)
-                and low is not None
-                and high is not None
-                and not low <= value <= high
-            ):
-                raise FlatclothError(f"{row.title}: between {low:g} and {high:g}, not {value:g}.")
         try:
             return fitted({**structs.asdict(before), **values}, Settings)
         except MisfitError as error:
-            raise FlatclothError(f"Setting {error}.") from error
+            titles = {row.name: row.title for row in self.rows}
+            name = titles.get(error.where, error.where)
+            raise FlatclothError(f"{name}: {error.found} is no value of this setting.") from error
 
     def _read(self, path: Path) -> Settings:
         try:
