@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from msgspec import structs
@@ -24,7 +23,7 @@ from flatcloth.session.machine import (
     Undo,
     why_illegal,
 )
-from flatcloth.viewer.protocol.sent import Sent
+from flatcloth.viewer.protocol.sent import Sent, table
 
 REJECT_REASONS = ("too small", "wrong place", "bad depth", "wrong side", "other")
 """Reasons in the reject menu."""
@@ -77,7 +76,7 @@ redo | Redo | y Ctrl+y | Redo the decision that was undone.
 auto | Auto | g | Accept proposals by their score; waits for you where one is unsure. Again: stop.
 cancel | Cancel | Escape | Cancel the running computation.
 restart | Restart | n | Start again from the largest view; this can be undone.
-    """,
+""",
     "timeline": """
 reopen | Reopen | Ctrl+e | Decide again about the view chosen on the timeline; views accepted later
     follow.
@@ -90,7 +89,7 @@ review | List | Shift+r | Show or hide the list of all views: sort, filter, turn
 result | Result | Shift+e | Show or hide the result: areas, uncertainty, cloth left out, data to export.
 joints | Why joined | Shift+y | Show what holds the parts of the shape: views, pairs, residuals; cut or
     keep. Click cloth to ask.
-    """,
+""",
     "proposal": """
 left | Move left | ArrowLeft | Move the proposal; Shift for ten times as far.
 right | Move right | ArrowRight | Move the proposal; Shift for ten times as far.
@@ -109,13 +108,13 @@ blink | Blink | b | Blink the proposal against the shape; again: stop.
 compare_difference | Difference | d | Map the difference in color; again: in height, in 3D position.
 diagnostics | Diagnostics | i | Show the diagnostics of the proposal: pairs of cloth, or the paper's
     lines.
-    """,
+""",
     "capture": """
 capture_pause | Pause | Space | Capture: hold the picture, or go on.
 capture_turned | It is there | i | Capture: the item is at the requested angle.
 capture_keep | Keep | m | Capture: keep the view that was taken.
 capture_repeat | Repeat | j | Capture: take the view again.
-    """,
+""",
     "view": """
 layer_color | Color | 1 | Show the color of the cloth.
 layer_height | Height z | 2 | Show the height along the turning axis.
@@ -147,7 +146,7 @@ pane | Next pane | Shift+v | In a narrow window: show the next pane (flattened v
 column | Next part | Shift+x | Show the next part of the right column.
 readout | Values | Shift+b | Fold or unfold the values under the pointer.
 follow | Follow | v | Keep the 3D camera at the real camera's position.
-    """,
+""",
     "sides": """
 brush_this | This side | Shift+s | Paint cloth of the side of interest: on the source image, the shape or
     the 3D scene; again: stop.
@@ -165,11 +164,11 @@ beside | Side by side | Shift+j | Show both sides of the garment side by side; a
 seams | Seams | Shift+q | Show or hide the seams that join both sides: what speaks for each, cut or keep.
 show_sides | Sides | Shift+o | Show or hide which side the cloth is.
 show_certainty | Certainty | Shift+u | Show where the side is uncertain.
-    """,
+""",
     "joint": """
 joint_next | Next place | . | Show the next place where the part may lie.
 joint_decide | Decide | a | Decide that the part lies where it is shown.
-    """,
+""",
     "page": """
 teach | Teach | h | Go through the method step by step, without decisions; again: leave.
 home | Open | Shift+h | Go to the start screen: open another recording, session or camera.
@@ -181,30 +180,28 @@ palette | Commands | Ctrl+k | Find a command by a few letters of its name.
 log | Messages | l | Show all messages.
 theme | Theme | t | Switch between light and dark.
 help | Keys | ? | Show the keys.
-    """,
+""",
     "teaching": """
 teach_next | Next | PageDown | Teaching: the next stage; → does it too.
 teach_back | Back | PageUp | Teaching: the previous stage; ← does it too.
 teach_play | Play stage | k | Teaching: play or pause the animation.
-    """,
+""",
 }
 """A row an action: its name, title, keys and description; an indented line goes on with the one before."""
 
 
-def _actions(group: str, table: str) -> Iterator[Action]:
-    for row in re.sub(r"\n {4}(?=\S)", " ", table).strip().splitlines():
-        name, title, keys, description = row.split(" | ")
-        yield Action(
-            name=name,
-            title=title,
-            keys=tuple(keys.split()),
-            description=description,
-            group=group,
-            mode=_MODES.get(group, ""),
-        )
-
-
-ACTIONS = tuple(action for group, table in _TABLE.items() for action in _actions(group, table))
+ACTIONS = tuple(
+    Action(
+        name=name,
+        title=title,
+        keys=tuple(keys.split()),
+        description=description,
+        group=group,
+        mode=_MODES.get(group, ""),
+    )
+    for group, rows in _TABLE.items()
+    for name, title, keys, description in table(rows)
+)
 
 
 # --- which of them a session allows now -----------------------------------------------------------

@@ -5,7 +5,7 @@ Numbers that may be unknown are ``float | None``; NaN is sent as ``null``, too.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal, TypeVar
 
 import msgspec
@@ -92,6 +92,12 @@ class Motion(Sent, frozen=True):
     theta_deg: float
     u_mm: float
     v_mm: float
+
+
+def table(text: str) -> Iterator[list[str]]:
+    """Yield the cells of a table whose columns are separated by " | "; an indented line goes on."""
+    for row in text.replace("\n    ", " ").strip().splitlines():
+        yield row.split(" | ")
 
 
 def typed(values: Any, kind: type[T]) -> T:
