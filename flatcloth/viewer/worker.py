@@ -41,6 +41,21 @@ def attempt(make: Callable[[], T], doing: str) -> T | str:
         return f"Unexpected error while {doing}: {error!r:.300}. See the terminal."
 
 
+def awaited(job: Callable[[], T]) -> tuple[Job, Future[T]]:
+    """Return a job for a thread, and what its result can be awaited with."""
+    done: Future[T] = Future()
+
+    def run() -> None:
+        if not done.set_running_or_notify_cancel():
+            return  # nobody waits any more
+        try:
+            done.set_result(job())
+        except Exception as error:  # noqa: BLE001 - raised where the result is awaited
+            done.set_exception(error)
+
+    return run, done
+
+
 @contextlib.contextmanager
 def one_at_a_time(check: Callable[[], None]) -> Iterator[None]:
     """Wait until no other side and no export is computed, then hold that turn: each takes some 200 MB.
@@ -84,16 +99,7 @@ class Worker:
         FlatclothError
             If the job does, or its turn does not come in time.
         """
-        done: Future[T] = Future()
-
-        def run() -> None:
-            if not done.set_running_or_notify_cancel():
-                return  # nobody waits any more
-            try:
-                done.set_result(job())
-            except Exception as error:  # noqa: BLE001 - raised where the result is awaited
-                done.set_exception(error)
-
+        run, done = awaited(job)
         self.put(run)
         try:
             return done.result(timeout_s)
@@ -127,7 +133,17 @@ class Worker:
 
 
 Lane = Literal[
-    "work", "ahead", "repair", "sides", "scene", "clouds", "teaching", "review", "garment", "other side"
+    "work",
+    "ahead",
+    "repair",
+    "sides",
+    "scene",
+    "clouds",
+    "teaching",
+    "export",
+    "review",
+    "garment",
+    "other side",
 ]
 _PATIENT = ("review", "garment", "other side")
 """Lanes whose jobs begin when the other lanes have been idle for ``PATIENCE_S``: nobody waits for them."""

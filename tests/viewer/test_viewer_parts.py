@@ -117,7 +117,7 @@ def test_the_table_says_why_an_action_is_not_allowed_now(steps, name, said):
     ],
 )
 def test_an_action_is_the_command_that_it_means_now(steps, name, given, command):
-    assert command_of(name, state_after(*steps), given) == command
+    assert command_of(name, state_after(*steps), **given) == command
 
 
 def test_views_used_together_and_neighbours_have_colours_of_their_own():

@@ -24,7 +24,7 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
 from flatcloth.engine.headless import better_start
 from flatcloth.session.document import UNSURE
-from flatcloth.session.machine import Phase, Propose, Reject, Restart, Start
+from flatcloth.session.machine import Phase, Propose, Reject, Restart, SessionState, Start
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.modes.session_work import Answer
@@ -157,11 +157,11 @@ class ActiveApplication(Application):
     def _look_ahead(self) -> None:
         """Foresee nothing: the next view is still to be taken."""
 
-    def _answered(self, answer: Answer) -> None:
+    def _answered(self, asked: SessionState, answer: Answer | str) -> None:
         """Also let Auto go on after a view that cannot be placed: it is put off, as without a page."""
         puts_off = self._auto.running and self._undecided is not None
-        super()._answered(answer)
-        if answer.event is None and puts_off:
+        super()._answered(asked, answer)
+        if isinstance(answer, str) and puts_off:
             self._auto = AutoInfo(running=True)
 
     def _auto_step(self) -> None:

@@ -362,7 +362,7 @@ class CaptureApplication(PageController):
         current = self._picks.current
         if current is None or not picture.view.valid.any():
             return None
-        rc, distance_m = pixel_of_point(picture.view, current.pick.position_held_m)
+        rc, distance_m = pixel_of_point(picture.view, current.position_held_m)
         if distance_m > LOST_AT_M:
             return None
         u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()

@@ -1,26 +1,24 @@
 """The page's side of repair: scores while the proposal is dragged, refinement, pairs of points.
 
 A drag requests scores faster than they can be computed. Only the newest request of each tab is answered,
-on a separate thread, so that nothing else waits for it.
+on a lane of its own, so that nothing else waits for it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.engine.repair import PairFit, RefinedScore, fit_pairs
+from flatcloth.engine.repair import RefinedScore, fit_pairs
 from flatcloth.session.machine import Document, Nudge, Pending
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer
 from flatcloth.viewer.protocol.picture import Overlay
-from flatcloth.viewer.worker import attempt
 
 _STILL_MM = 0.05
 """Smaller motions are reported as none. Chosen: half of the last digit shown."""
@@ -28,48 +26,41 @@ _STILL_DEG = 0.005
 """See ``_STILL_MM``."""
 
 
-class RepairService:
-    """Computes scores and refinements; its methods are for the page's own thread and return immediately."""
+class Previews:
+    """Sends a tab the score of a moved proposal; its newest question only. For the page's own thread."""
 
     def __init__(self, page: PageController) -> None:
         self._page = page
-        self._newest: dict[int, int] = {}  # the last request of each tab
+        self._newest: dict[int, int] = {}  # the last question of each tab
 
-    def preview(self, client: int, asked: messages.Preview, document: Document, by: Rigid2) -> None:
-        """Send a tab the score of the proposal moved ``by``; replaces its previous request.
+    def ask(self, client: int, asked: messages.Preview, document: Document, by: Rigid2) -> None:
+        """Answer with the score of the proposal moved ``by``, and that after refinement.
 
         The page asks for it with each proposal, so that one that was decided meanwhile is no error.
         """
-        try:
-            pending = meant(document, asked.view_index)
-        except FlatclothError as error:
-            self._page.tabs.tell(client, PreviewAnswer(id=asked.id, why=str(error)))
-            return
-        moved = replace(document, pending=replace(pending, nudge=by @ pending.nudge))
-        self._newest[client] = asked.id
 
-        def answer() -> None:
-            if self._newest[client] != asked.id:
-                return
-            found = attempt(lambda: self._page.integration.refined_score(moved), "scoring the placement")
+        def take(found: RefinedScore | str) -> None:
             if isinstance(found, str):
-                told = PreviewAnswer(id=asked.id, why=found)
-            else:
-                told = PreviewAnswer(
-                    id=asked.id,
-                    score=found.score.total,
-                    apart_mm=found.score.apart_mm,
-                    refined_score=found.refined_score.total,
-                    refined_apart_mm=found.refined_score.apart_mm,
-                )
-            self._page.tabs.tell(client, told)
+                self._page.tabs.tell(client, PreviewAnswer(id=asked.id, why=found))
+                return
+            answer = PreviewAnswer(
+                id=asked.id,
+                score=found.score.total,
+                apart_mm=found.score.apart_mm,
+                refined_score=found.refined_score.total,
+                refined_apart_mm=found.refined_score.apart_mm,
+            )
+            self._page.tabs.tell(client, answer)
 
-        self._page.executor.put("repair", answer)
+        def make() -> RefinedScore:
+            pending = meant(document, asked.view_index)
+            moved = replace(document, pending=replace(pending, nudge=by @ pending.nudge))
+            return self._page.integration.refined_score(moved)
 
-    def refine(self, document: Document, take: Callable[[RefinedScore | str], None]) -> None:
-        """Refine the proposal from its present placement; ``take`` gets the result, or why there is none."""
-        refine = self._page.integration.refined_score
-        self._page.executor.compute("repair", lambda: refine(document), take, "refining")
+        self._newest[client] = asked.id
+        self._page.executor.compute(
+            "repair", make, take, "scoring the placement", lambda: self._newest[client] == asked.id
+        )
 
 
 def meant(document: Document, view_index: int) -> Pending:
@@ -101,50 +92,35 @@ def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> 
     return pending.current_from_new if part.alignment is None else part.alignment.current_from_new
 
 
-def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:
-    """Fit the pairs of a tab; their points of the proposal come in its own plane, which lies at a placement.
-
-    Raises
-    ------
-    FlatclothError
-        If there are too few pairs, or they do not determine a motion.
-    """
-    if len(pairs.new_uv_m) != len(pairs.shape_uv_m):
-        raise FlatclothError("Pairs need a point of the proposal and one of the shape each.")
-    own = np.array(pairs.new_uv_m, dtype=np.float64).reshape(-1, 2)
-    there = np.array(pairs.shape_uv_m, dtype=np.float64).reshape(-1, 2)
-    return fit_pairs(placement.apply(own), there)
-
-
 def fitted(
     document: Document, placed: tuple[Pending, Overlay] | None, pairs: messages.Pairs
 ) -> tuple[Nudge | None, PairsAnswer]:
     """Return the decision that fits pairs, if that is wanted, and the page's message about the fit.
 
+    The pairs' points of the proposal come in its own plane.
+
     Raises
     ------
     FlatclothError
-        If the proposal is another by now, or is not drawn yet.
+        If the proposal is another by now, or is not drawn yet; if there are too few pairs, or they do not
+        determine a motion.
     """
     meant(document, pairs.view_index)
     if placed is None:
         raise FlatclothError("The proposal is being drawn; fit the pairs again in a moment.")
+    if len(pairs.new_uv_m) != len(pairs.shape_uv_m):
+        raise FlatclothError("Pairs need a point of the proposal and one of the shape each.")
     pending, overlay = placed
-    shown = overlay.shown(pending)
-    fit = fit_of(shown, pairs)
-    if not pairs.fit:
-        return None, pairs_answer(fit)
-    nudge = Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of")
-    return nudge, pairs_answer(fit_of(fit.by @ shown, pairs))
-
-
-def pairs_answer(fit: PairFit) -> PairsAnswer:
-    """Return the result of fitted pairs for a tab."""
-    return PairsAnswer(
-        residual_mm=(1000 * fit.residual_m).tolist(),
-        fitted_mm=(1000 * fit.fitted_m).tolist(),
-        rms_mm=1000 * fit.rms_m,
+    own, there = (
+        np.array(uv_m, dtype=np.float64).reshape(-1, 2) for uv_m in (pairs.new_uv_m, pairs.shape_uv_m)
     )
+    shown, nudge = overlay.shown(pending), None
+    fit = fit_pairs(shown.apply(own), there)
+    if pairs.fit:
+        nudge = Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of")
+        fit = fit_pairs((fit.by @ shown).apply(own), there)
+    residual_mm, fitted_mm = (1000 * fit.residual_m).tolist(), (1000 * fit.fitted_m).tolist()
+    return nudge, PairsAnswer(residual_mm=residual_mm, fitted_mm=fitted_mm, rms_mm=1000 * fit.rms_m)
 
 
 def refined_motion(pending: Pending, found: RefinedScore, center: Float64) -> tuple[Rigid2 | None, str]:

@@ -15,6 +15,7 @@ from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import RefinedScore
+from flatcloth.session.axis_file import check_axis
 from flatcloth.session.commands import LeaveOut, paint
 from flatcloth.session.ghosts import keep_ghosts, read_ghosts
 from flatcloth.session.machine import (
@@ -51,7 +52,7 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NO_CAMERA, command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
-from flatcloth.viewer.protocol.snapshot import of_session
+from flatcloth.viewer.protocol.snapshot import of_session, with_ghosts
 from flatcloth.viewer.protocol.state import AutoInfo
 from flatcloth.viewer.scene.scene import Scene
 
@@ -80,10 +81,10 @@ class Application(PageController):
         self._going_on = False
         self._expected: tuple[Document, float | None] | None = None
         self._joins: tuple[Document, bool] | None = None
-        self._placing = session_work.Placing(ghosts=read_ghosts(self.place))
+        self._ghosts = read_ghosts(self.place)
         self.other = OtherSideController(self, self._both, self._other_made)
         self._work = SessionWork(self, self._answered, self._drawn, self.other.laid)
-        self._repair = repair.RepairService(self)
+        self._previews = repair.Previews(self)
         self._review = ReviewService(self)
         self._sides = SideController(self)
         self._joints = JointService(self)
@@ -147,7 +148,7 @@ class Application(PageController):
                 self._decide(client, message)
             case messages.Preview():
                 by = session_work.meant(self._placed(), message)
-                self._repair.preview(client, message, self._state.document, by)
+                self._previews.ask(client, message, self._state.document, by)
             case messages.Move(view_index=view):
                 self._by_hand(Nudge(view, session_work.meant(self._placed(), message)))
             case messages.TakePart(view_index=view, component=component):
@@ -159,12 +160,12 @@ class Application(PageController):
             case messages.PlacePiece():
                 sheet = None if self.picture is None else self.picture.sheet
                 laid = self.other.laid(self._state.document)
-                self._placing = session_work.placing_piece(
+                commands, self._ghosts = session_work.placing_piece(
                     self.integration, self._state.document, sheet, message, self.garments.last, laid
                 )
-                for command in self._placing.commands:
+                for command in commands:
                     self._by_hand(command)
-                keep_ghosts(self.place, self._placing.ghosts)
+                keep_ghosts(self.place, self._ghosts)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
@@ -212,13 +213,8 @@ class Application(PageController):
     def _decide(self, client: int, do: messages.Do) -> None:
         if do.action == "step" and self._trouble:
             raise FlatclothError(self._trouble)
-        given = {
-            "view_index": do.view_index,
-            "reason": do.reason,
-            "score": session_work.score_shown(self.picture, self._state.document),
-        }
-        before = self._state
-        command = command_of(do.action, before, {k: v for k, v in given.items() if v is not None})
+        before, score = self._state, session_work.score_shown(self.picture, self._state.document)
+        command = command_of(do.action, before, do.view_index, do.reason, score)
         self._going_on = self.settings.now.advance and isinstance(command, Accept | Reject | Skip)
         self._by_hand(command)
         if do.action == "undo":
@@ -236,8 +232,11 @@ class Application(PageController):
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
         repair.meant(document, view)
-        self._repair.refine(
-            document, lambda found: self._guarded(client, lambda: self._refined(client, document, found))
+        self.executor.compute(
+            "repair",
+            lambda: self.integration.refined_score(document),
+            lambda found: self._guarded(client, lambda: self._refined(client, document, found)),
+            "refining",
         )
 
     def _refined(self, client: int, document: Document, found: RefinedScore | str) -> None:
@@ -261,7 +260,10 @@ class Application(PageController):
             self._by_hand(paint(dab))
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
-        session_work.keep_axis(axis, self.folder)
+        check_axis(axis)
+        if self._state.request is not None:
+            raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
+        self.folder.keep_axis(axis)
         self._auto = AutoInfo()
 
         # Later jobs of the lane use the new axis.
@@ -381,7 +383,7 @@ class Application(PageController):
         angles_deg, document = self.integration.recording.angles_deg, self._state.document
         views = self._review.of_views(document)
         own = of_session(self._state, self.picture, angles_deg, views, self._work.progress, self._trouble)
-        pending = self._placing.shown(own["pending"], self._overlay)
+        pending = with_ghosts(own["pending"], self._overlay, self._ghosts)
         if pending is not None and self._joins is not None and self._joins[0] is document:
             pending = structs.replace(pending, joins=self._joins[1])
         return {
@@ -398,16 +400,16 @@ class Application(PageController):
 
     # --- results of the worker ---------------------------------------------------------------
 
-    def _answered(self, answer: Answer) -> None:
-        before, event = self._state, answer.event
-        if event is None:
+    def _answered(self, asked: SessionState, answer: Answer | str) -> None:
+        if isinstance(answer, str):
             self._auto = AutoInfo()
-            self._do(Failed(answer.state.request.token if answer.state.request else 0))
-            self.tell(None, "error", answer.trouble)
+            self._do(Failed(asked.request.token if asked.request else 0))
+            self.tell(None, "error", answer)
             return
+        before, event = self._state, answer.event
         self.folder.record(event)
         # After a stroke in the meantime, this picture is outdated; a new one follows.
-        picture = self._work.answers(answer, self._state) if before is answer.state else None
+        picture = self._work.answers(answer, self._state) if before is asked else None
         try:
             if picture is not None:
                 self._take_picture(picture)

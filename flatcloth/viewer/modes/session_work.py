@@ -6,11 +6,10 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from msgspec import structs
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import LaidPiece, Rigid2, RotationAxis, finite
@@ -18,7 +17,6 @@ from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, is_on_shape, place_of_piece
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
-from flatcloth.session.axis_file import check_axis
 from flatcloth.session.document import accept
 from flatcloth.session.ghosts import Ghost, Ghosts
 from flatcloth.session.machine import (
@@ -32,14 +30,13 @@ from flatcloth.session.machine import (
     TakePart,
     apply,
 )
-from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.messages import Move, PlacePiece, SetAxis
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import Progress
-from flatcloth.viewer.protocol.snapshot import center_uv_m, placement_of
-from flatcloth.viewer.protocol.state import AxisInfo, GhostInfo, PendingInfo
-from flatcloth.viewer.worker import attempt
+from flatcloth.viewer.protocol.snapshot import center_uv_m
+from flatcloth.viewer.protocol.state import AxisInfo
+from flatcloth.viewer.worker import attempt, awaited
 
 _log = logging.getLogger(__name__)
 
@@ -52,14 +49,11 @@ PROGRESS_INTERVAL_S = 0.05
 class Answer:
     """The answer to the request of a state, and the picture of the session after it.
 
-    ``event`` is None if the computation failed, for the reason ``trouble``; ``picture`` is None if another
-    request follows.
+    ``picture`` is None if another request follows.
     """
 
-    state: SessionState
-    event: Event | None = None
-    picture: Picture | None = None
-    trouble: str = ""
+    event: Event
+    picture: Picture | None
 
 
 class SessionWork:
@@ -72,7 +66,7 @@ class SessionWork:
     page : PageController
         The page.
     on_answer : callable
-        Called with each :class:`Answer` to the present request.
+        Called with each state that asks, and the :class:`Answer` to it, or why there is none.
     on_picture : callable
         Called with the present picture, or with the reason if it cannot be drawn.
     laid : callable
@@ -82,7 +76,7 @@ class SessionWork:
     def __init__(
         self,
         page: PageController,
-        on_answer: Callable[[Answer], None],
+        on_answer: Callable[[SessionState, Answer | str], None],
         on_picture: Callable[[Picture | str], None],
         laid: Callable[[Document], Sequence[LaidPiece]],
     ) -> None:
@@ -129,21 +123,18 @@ class SessionWork:
         request = after.request
         if request is None or self._ahead_of(after) is not None:
             return
-        made = Future[Answer]()
-        self._foreseen = after, made
 
         def check(_share: float = 0.0, _text: str = "") -> None:
             if self._ahead_of(after) is not made:
                 raise CancelledError  # the proposal was moved, or decided otherwise
 
-        def look() -> None:
-            try:
-                check()
-                made.set_result(self._computed(after, request, check))
-            except Exception as error:  # noqa: BLE001 - raised again where it is asked for
-                made.set_exception(error)
+        def look() -> Answer:
+            check()
+            return self._computed(after, request, check)
 
-        self._page.executor.put("ahead", look)
+        run, made = awaited(look)
+        self._foreseen = after, made
+        self._page.executor.put("ahead", run)
 
     def _ahead_of(self, state: SessionState) -> Future[Answer] | None:
         """Return the answer that was computed ahead, or is being computed, to a state."""
@@ -185,7 +176,7 @@ class SessionWork:
                 wait([ahead], PROGRESS_INTERVAL_S)
                 progress(0.5, "placing the next view")
             if ahead is not None and ahead.exception() is None:
-                made = replace(ahead.result(), state=state)
+                made = ahead.result()
             else:
                 made = self._computed(state, request, progress)
             self._made = made.picture or self._made
@@ -194,8 +185,7 @@ class SessionWork:
         def take(made: Answer | str) -> None:
             if isinstance(made, str):
                 _log.warning("%s", made)
-                made = Answer(state, trouble=made)
-            self._on_answer(made)
+            self._on_answer(state, made)
 
         self._page.executor.compute("work", make, take, "computing", lambda: self._running is running)
 
@@ -209,7 +199,7 @@ class SessionWork:
         progress(1.0, "drawing")
         picture = attempt(lambda: self._drawn(after.document), "drawing") if after.request is None else None
         # What cannot be drawn is reported when it is drawn again.
-        return Answer(state, event, None if isinstance(picture, str) else picture)
+        return Answer(event, None if isinstance(picture, str) else picture)
 
     def _draw(self, document: Document) -> Picture:
         wait_until_compiled(first=self._is_first(document))
@@ -257,20 +247,6 @@ def meant_axis(axis: RotationAxis, message: SetAxis) -> RotationAxis:
     )
 
 
-def keep_axis(axis: RotationAxis, folder: SessionFolder) -> None:
-    """Keep an axis that was set by hand with its session.
-
-    Raises
-    ------
-    FlatclothError
-        If there cannot be such an axis, or a computation runs.
-    """
-    check_axis(axis)
-    if folder.state.request is not None:
-        raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
-    folder.keep_axis(axis)
-
-
 def joins(integration: Integration, document: Document) -> bool:
     """Return whether the cloth of the proposal belongs to the shape, if it is accepted where it lies.
 
@@ -306,32 +282,6 @@ def meant(shown: tuple[Pending, Overlay] | None, asked: Move) -> Rigid2:
     return overlay.meant(pending, by.about(np.array(center_uv_m(pending, overlay))))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Placing:
-    """The decisions that make a floating piece the proposal, and where it may belong."""
-
-    commands: tuple[Command, ...] = ()
-    ghosts: Ghosts = field(default_factory=Ghosts)
-
-    def shown(self, pending: PendingInfo | None, overlay: Overlay | None) -> PendingInfo | None:
-        """Return the proposal for the page, with the ghosts if it is that of the piece."""
-        own = self.ghosts
-        if pending is None or overlay is None or pending.view_index != own.view_index:
-            return pending
-        if not any(part.chosen and part.component == own.component for part in pending.pieces):
-            return pending
-        center = np.array(overlay.own_center_uv_m)
-        ghosts = tuple(
-            GhostInfo(
-                source=ghost.source,
-                placement=placement_of(overlay.sheet.shown(ghost.motion, center)),
-                std_mm=1e3 * ghost.std_m,
-            )
-            for ghost in own.places
-        )
-        return structs.replace(pending, ghosts=ghosts)
-
-
 def placing_piece(
     integration: Integration,
     document: Document,
@@ -339,8 +289,8 @@ def placing_piece(
     asked: PlacePiece,
     known: KnownGarment | None = None,
     laid: Sequence[LaidPiece] = (),
-) -> Placing:
-    """Return how a view that shows much of a floating piece becomes the proposal, with the piece.
+) -> tuple[tuple[Command, ...], Ghosts]:
+    """Return the decisions that make a floating piece the proposal, and where else it may belong.
 
     ``known`` is the garment, if it was recognised; ``laid`` are the pieces that seams lay.
 
@@ -366,10 +316,7 @@ def placing_piece(
         *(ghost("garment", p.shape_from_piece, p.std_m) for p in own if p.index == piece.number - 1),
         *(ghost("seams", p.shape_from_piece, p.std_m) for p in laid if p.index == piece.number - 1),
     ]
-    return Placing(
-        commands=(
-            Reopen(found.view_index),
-            TakePart(found.view_index, found.component, Rigid2(0.0, asked.u_m, asked.v_m) @ found.placement),
-        ),
-        ghosts=Ghosts(view_index=found.view_index, component=found.component, places=tuple(places)),
-    )
+    own_placement = Rigid2(0.0, asked.u_m, asked.v_m) @ found.placement
+    commands = Reopen(found.view_index), TakePart(found.view_index, found.component, own_placement)
+    ghosts = Ghosts(view_index=found.view_index, component=found.component, places=tuple(places))
+    return commands, ghosts

@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import threading
 from collections.abc import AsyncIterator, Callable
-from dataclasses import astuple, fields
+from dataclasses import astuple, replace
 from typing import Any
 
 import msgspec
@@ -69,7 +69,7 @@ def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis, truth: KitTr
     view = flattening.view if truth is None else truth.with_errors(flattening.view)
     top, left = surface.frame.offset_rc
     valid = view.valid[..., None]
-    arrays = {
+    arrays: dict[str, Any] = {
         "image": _image(surface),
         "triangles": flattening.triangles,
         "color": layers.rgba(view, "color", axis, 1),
@@ -118,7 +118,7 @@ def _level(level: Level, unused: Int32) -> tuple[dict[str, Any], dict[str, Any]]
         "energy_mm2": [1e6 * h for h in level.energy],
         "state_iterations": list(range(len(states))),
     }
-    arrays = {
+    arrays: dict[str, Any] = {
         "points_rc": level.points_rc,
         "edges": level.edges,
         "length_mm": 1e3 * level.edge_length_m,
@@ -175,7 +175,7 @@ def planning_parcel(lesson: PlanningLesson, axis: RotationAxis) -> Parcel:
         "reason": plan.reason,
         "sides": [_side(s) for s in plan.sides],
     }
-    arrays = {
+    arrays: dict[str, Any] = {
         "z_angle_deg": angle.astype(np.int8),
         "color": layers.rgba(view, "color", axis, 1),
         **_curves("current", plan.sides[0].curves),
@@ -240,7 +240,7 @@ def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
             "new": _line(found.new),
         },
     }
-    arrays = {
+    arrays: dict[str, Any] = {
         "image": _image(lesson.flattening.surface),
         **{f"{name}_color": layers.rgba(view, "color", axis, 1) for name, view in views.items()},
         "origin": lesson.origin,
@@ -307,7 +307,7 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
         "first": {"rows": rows, "cols": cols, "offset_rc": labels.offset_rc},
     }
     at_section = np.isin(view.cluster, section.cluster) & view.surface
-    arrays = {
+    arrays: dict[str, Any] = {
         "image": _faded(frame.color, item),
         "section_mm": 1e3 * section.place_m,
         "section_normal": section.normal,
@@ -327,7 +327,7 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
 def garment_parcel(lesson: GarmentLesson, axis: RotationAxis) -> Parcel:
     """Return the drawing data of the recognition of the garment."""
     evidence, view, best = lesson.evidence, lesson.view, lesson.fits[0]
-    arrays = {
+    arrays: dict[str, Any] = {
         "edge_uv": evidence.edge_uv_m,
         "edge_normal": evidence.edge_normal,
         "edge_trust": evidence.edge_trust,
@@ -385,7 +385,10 @@ def seams_parcel(other: OtherSheet | None) -> Parcel:
     none = [np.zeros((0, 2))]
     own = [this.places(seam.this_uv_m)[1] for seam in seams]
     its = [its_sheet.places(seam.other_uv_m)[1] for seam in seams]
-    arrays = {"this_uv": np.concatenate([*none, *own]), "mirrored_uv": np.concatenate([*none, *its]) * MIRROR}
+    arrays: dict[str, Any] = {
+        "this_uv": np.concatenate([*none, *own]),
+        "mirrored_uv": np.concatenate([*none, *its]) * MIRROR,
+    }
     for name, sheet, mirror in (("this", this, np.ones(2)), ("other", its_sheet, MIRROR)):
         for n, loop in enumerate(outline_loops(sheet.canonical.view)):
             arrays[f"{name}_loop_{n}"] = loop * mirror
@@ -441,15 +444,12 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     def parameters(self, defaults: Parameters) -> Parameters:
         """Return the parameters that are meant."""
-        overlap_m2 = None if self.overlap_cm2 is None else self.overlap_cm2 / CM2
-        given = self.sampling_interval_px, self.z_angle_limit_deg, overlap_m2
-        own = astuple(defaults)
-        return Parameters(
-            **{
-                field.name: usual if value is None else value
-                for field, value, usual in zip(fields(Parameters), given, own, strict=True)
-            }
-        )
+        given: dict[str, Any] = {
+            "sampling_interval_px": self.sampling_interval_px,
+            "z_angle_limit_deg": self.z_angle_limit_deg,
+            "overlap_area_m2": None if self.overlap_cm2 is None else self.overlap_cm2 / CM2,
+        }
+        return replace(defaults, **{name: value for name, value in given.items() if value is not None})
 
 
 class TeachingRoutes:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from msgspec import structs
 
 from flatcloth.session.machine import (
@@ -207,29 +204,34 @@ ACTIONS = tuple(
 # --- which of them a session allows now -----------------------------------------------------------
 
 
-def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> Command:
+def command_of(
+    name: str,
+    state: SessionState,
+    view_index: int | None = None,
+    reason: str | None = None,
+    score: float | None = None,
+) -> Command:
     """Return the session command of an action at present.
 
-    ``arguments`` may contain ``view_index`` (the view the user saw) and ``reason``. A decision
-    without a view refers to the pending one; without one it is -1, which the session refuses.
+    ``view_index`` is the view the user saw. A decision without a view refers to the pending one; without
+    one it is -1, which the session refuses.
     """
     document = state.document
     pending = -1 if document.pending is None else document.pending.view_index
-    view = arguments.get("view_index")
+    decided = pending if view_index is None else view_index
     match name:
-        case "step":
+        case "step" | "view":
             # After a cancelled start there is no start view yet: the step is the start.
-            return Start() if document.start_view is None else Propose()
-        case "view":
+            view = view_index if name == "view" else None
             return Start(view) if document.start_view is None else Propose(view)
         case "accept":
-            return Accept(pending if view is None else view, arguments.get("score"))
+            return Accept(decided, score)
         case "skip":
-            return Skip(pending if view is None else view)
+            return Skip(decided)
         case "reopen":
-            return Reopen(-1 if view is None else view)
+            return Reopen(-1 if view_index is None else view_index)
         case "reject" | "reject_menu":
-            return Reject(pending if view is None else view, arguments.get("reason", DEFAULT_REASON))
+            return Reject(decided, reason or DEFAULT_REASON)
         case "undo":
             return Undo()
         case "redo":
@@ -237,7 +239,7 @@ def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> 
         case "cancel":
             return Cancel()
         case "restart":
-            return Restart(view)
+            return Restart(view_index)
     raise KeyError(name)
 
 
@@ -257,7 +259,7 @@ def _why_not(action: Action, state: SessionState | None) -> str | None:
     if name == "reopen":
         return None if document.reopenable_views else "There is no decision to reopen."
     if action.group == "session":
-        return why_illegal(state, command_of(name, state, {}))
+        return why_illegal(state, command_of(name, state))
     if action.group == "proposal" and document.pending is None:
         return "There is no proposal to move; step first."
     return None

@@ -10,7 +10,6 @@ from typing import Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from flatcloth.core.decoding import converted
 from flatcloth.core.parcel import Parcel
@@ -78,14 +77,6 @@ class Legend(Sent, frozen=True):
     colors: tuple[str, ...] = ()
 
 
-class Placement(Sent, frozen=True):
-    """A rigid motion of the plane: a rotation about the origin, then a shift."""
-
-    theta_rad: float
-    u_m: float
-    v_m: float
-
-
 class Motion(Sent, frozen=True):
     """A rigid motion of the plane for reading."""
 
@@ -110,13 +101,13 @@ def encoded(message: Any) -> bytes:
     return _ENCODER.encode(message)
 
 
-def parcel_of(values: Any, arrays: Mapping[str, NDArray[Any]] | None = None) -> Parcel:
+def parcel_of(values: Any, arrays: Mapping[str, Any]) -> Parcel:
     """Return values, which may be a struct, with arrays; NaN among the values is sent as ``null``.
 
     Numbers of 64 bits are sent as 32 bits; an array (H, W, 4) of bytes is a picture.
     """
     parcel = Parcel(msgspec.json.decode(encoded(values)))
-    for name, array in (arrays or {}).items():
+    for name, array in arrays.items():
         if array.dtype == np.uint8 and array.shape[2:] == (4,):
             parcel.picture(name, layers.png(array), array.shape[:2])
         else:

@@ -12,8 +12,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
-from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
@@ -25,7 +24,10 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.resources import static_folder
 from flatcloth.recordings.mending import Mends, options_of
 from flatcloth.viewer.http import RefusedError, get, page_of, read_body
-from flatcloth.viewer.places import Chosen, Kind, Places
+from flatcloth.viewer.places import Kind, Places
+
+if TYPE_CHECKING:
+    from flatcloth.viewer.server.app import PageServer
 
 MAX_BODY_BYTES = 4096
 """Limit of a request's body. Chosen: far above what the page sends."""
@@ -52,34 +54,10 @@ class Mend(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class StartRoutes:
-    """Answers the requests of the start screen.
+    """Answers the requests of the start screen of a server; ``places`` are what it may open."""
 
-    Parameters
-    ----------
-    places : Places
-        What may be opened.
-    open_place : callable
-        Opens a place for all tabs; raises ``FlatclothError``.
-    current : callable
-        Returns the name of what is open, None if nothing is.
-    folder : callable
-        Returns the folder of the open session.
-    mend : callable
-        Opens what is open with more mends; raises ``FlatclothError``.
-    """
-
-    def __init__(
-        self,
-        places: Places,
-        open_place: Callable[[Chosen], None],
-        current: Callable[[], str | None],
-        folder: Callable[[], Path | None],
-        mend: Callable[[Mends], None],
-    ) -> None:
-        self._mend = mend
-        self._places = places
-        self._open = open_place
-        self._current, self._session_folder = current, folder
+    def __init__(self, places: Places, server: PageServer) -> None:
+        self._places, self._server = places, server
         self._opening = threading.Lock()
         self._pictures: Cache[bytes] = Cache(PICTURES_KEPT)
         self._reading = asyncio.Semaphore(PICTURES_AT_ONCE)
@@ -88,7 +66,7 @@ class StartRoutes:
         """Return the routes of the start screen."""
         return [
             Route("/start", self.page),
-            get("/start/places.json", lambda _: {**self._places.plain(), "current": self._current()}),
+            get("/start/places.json", lambda _: {**self._places.plain(), "current": self._server.recording}),
             get("/start/folder.json", lambda r: self._places.listing(r.query_params.get("path", ""))),
             get("/start/here.json", lambda _: self._here()),
             Route("/start/picture/{kind}/{name:path}", self._picture),
@@ -101,7 +79,7 @@ class StartRoutes:
         return page_of(request, static_folder() / "start" / "start.html")
 
     def _here(self) -> dict[str, Any]:
-        return {"name": self._current(), "place": self._places.place_of(self._session_folder())}
+        return {"name": self._server.recording, "place": self._places.place_of(self._server.session)}
 
     async def _picture(self, request: Request) -> Response:
         kind, name = request.path_params["kind"], request.path_params["name"]
@@ -117,12 +95,12 @@ class StartRoutes:
 
     async def _take(self, request: Request) -> Response:
         return await self._opened(
-            request, OpenPlace, lambda said: self._open(self._places.chosen(said.kind, said.name))
+            request, OpenPlace, lambda said: self._server.open(self._places.chosen(said.kind, said.name))
         )
 
     async def _take_mend(self, request: Request) -> Response:
         return await self._opened(
-            request, Mend, lambda said: self._mend(options_of(Mends, said.mends, "the page"))
+            request, Mend, lambda said: self._server.mend(options_of(Mends, said.mends, "the page"))
         )
 
     async def _opened(self, request: Request, kind: type[T], opener: Callable[[T], None]) -> Response:
@@ -138,7 +116,7 @@ class StartRoutes:
             await run_in_threadpool(opener, wanted)
         finally:
             self._opening.release()
-        return JSONResponse({"opened": self._current()})
+        return JSONResponse({"opened": self._server.recording})
 
 
 def first_picture(source: str) -> bytes:
