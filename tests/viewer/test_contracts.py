@@ -138,6 +138,11 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
         (do("reopen", 1), proposed(1)),
         (do("reject", 1), proposed(2)),
     ]),
+    "a restart is from the largest view, and is undone": ({}, [
+        *ONE,
+        (do("restart"), {"step": 1, "phase": "ready", "views.1.state": "unused", "drawing": False}),
+        (do("undo"), {"step": 2, "views.1.state": "accepted"}),
+    ]),
     "settings are set and reset": ({}, [
         BEGUN,
         ({"type": "set", "values": {"step_mm": 5, "follow": False}},

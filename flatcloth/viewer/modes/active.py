@@ -26,8 +26,7 @@ from flatcloth.engine.headless import better_start
 from flatcloth.session.document import UNSURE
 from flatcloth.session.machine import Phase, Propose, Reject, Restart, SessionState, Start
 from flatcloth.viewer.hub import Hub
-from flatcloth.viewer.modes.session import Application
-from flatcloth.viewer.modes.session_work import Answer
+from flatcloth.viewer.modes.session import Answer, Application
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
@@ -157,10 +156,10 @@ class ActiveApplication(Application):
     def _look_ahead(self) -> None:
         """Foresee nothing: the next view is still to be taken."""
 
-    def _answered(self, asked: SessionState, answer: Answer | str) -> None:
+    def answered_with(self, asked: SessionState, answer: Answer | str) -> None:
         """Also let Auto go on after a view that cannot be placed: it is put off, as without a page."""
         puts_off = self._auto.running and self._undecided is not None
-        super()._answered(asked, answer)
+        super().answered_with(asked, answer)
         if isinstance(answer, str) and puts_off:
             self._auto = AutoInfo(running=True)
 

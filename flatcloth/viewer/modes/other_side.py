@@ -37,14 +37,7 @@ _TELL_S = 0.4
 class OtherSideController:
     """Computes the other side of the shape that a page shows; its methods are for the page's own thread.
 
-    Parameters
-    ----------
-    page : PageController
-        The page.
-    both : BothSides
-        Integrates and joins the other side.
-    on_made : callable
-        Called when another side is ``made``, or none.
+    ``on_made`` is called when another side is ``made``, or none.
     """
 
     def __init__(self, page: PageController, both: BothSides, on_made: Callable[[], None]) -> None:

@@ -1,217 +1,31 @@
-"""The computations of a session's page: answers to what it asks for, and its pictures."""
+"""What the messages of a session's page mean: nudges, the turning axis, floating pieces placed by hand."""
 
 from __future__ import annotations
 
-import logging
-import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import LaidPiece, Rigid2, RotationAxis, finite
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, is_on_shape, place_of_piece
-from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
 from flatcloth.session.document import accept
 from flatcloth.session.ghosts import Ghost, Ghosts
 from flatcloth.session.machine import (
     Command,
     Document,
-    Event,
     Pending,
     Reopen,
-    Request,
-    SessionState,
     TakePart,
-    apply,
 )
-from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.messages import Move, PlacePiece, SetAxis
-from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
-from flatcloth.viewer.protocol.sent import Progress
+from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.snapshot import center_uv_m
 from flatcloth.viewer.protocol.state import AxisInfo
-from flatcloth.viewer.worker import attempt, awaited
-
-_log = logging.getLogger(__name__)
-
-
-PROGRESS_INTERVAL_S = 0.05
-"""Interval between messages of progress. Chosen."""
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The answer to the request of a state, and the picture of the session after it.
-
-    ``picture`` is None if another request follows.
-    """
-
-    event: Event
-    picture: Picture | None
-
-
-class SessionWork:
-    """Computes the answers and the pictures of a session, one job at a time.
-
-    Its methods and the callbacks run on the page's own thread.
-
-    Parameters
-    ----------
-    page : PageController
-        The page.
-    on_answer : callable
-        Called with each state that asks, and the :class:`Answer` to it, or why there is none.
-    on_picture : callable
-        Called with the present picture, or with the reason if it cannot be drawn.
-    laid : callable
-        Returns the floating pieces of a document that seams join to the shape; from any thread.
-    """
-
-    def __init__(
-        self,
-        page: PageController,
-        on_answer: Callable[[SessionState, Answer | str], None],
-        on_picture: Callable[[Picture | str], None],
-        laid: Callable[[Document], Sequence[LaidPiece]],
-    ) -> None:
-        self._page, self._on_answer, self._on_picture, self._laid = page, on_answer, on_picture, laid
-        # The request that is being answered, and a mark of that job: a cancelled one is no longer this.
-        self._running: tuple[Request, object] | None = None
-        self._asked: Document | None = None
-        self._reported_at_s = 0.0
-        # What will be asked for if the proposal is accepted, and its answer.
-        self._foreseen: tuple[SessionState, Future[Answer]] | None = None
-        # The last picture, even if it was never shown: revisions continue from it. Set by the worker only.
-        self._made: Picture | None = None
-        self.progress: Progress | None = None
-
-    def cancel(self) -> None:
-        """Cancel the running computation, if there is one."""
-        self._running = self.progress = None
-
-    def forget_picture(self) -> None:
-        """Draw the next picture again, even if its document is the same."""
-        self._asked = self._foreseen = None
-
-    def follow(self, state: SessionState) -> None:
-        """Start the computation that a state needs, and cancel one that it no longer needs."""
-        request, document = state.request, state.document
-        if self._running is not None and self._running[0] != request:
-            self.cancel()
-        if request is not None and self._running is None:
-            self._answer(state, request)
-        if document.start_view is None:
-            self._asked = None
-        elif self._asked is not document and not (request is not None and self._ahead_of(state)):
-            self._asked = document
-            self._page.executor.compute(
-                "work",
-                lambda: self._draw(document),
-                self._on_picture,
-                "drawing",
-                lambda: self._asked is document,  # otherwise a decision has changed it
-            )
-
-    def foresee(self, after: SessionState) -> None:
-        """Compute the answer to a likely state while the operator looks, so that it is there then."""
-        request = after.request
-        if request is None or self._ahead_of(after) is not None:
-            return
-
-        def check(_share: float = 0.0, _text: str = "") -> None:
-            if self._ahead_of(after) is not made:
-                raise CancelledError  # the proposal was moved, or decided otherwise
-
-        def look() -> Answer:
-            check()
-            return self._computed(after, request, check)
-
-        run, made = awaited(look)
-        self._foreseen = after, made
-        self._page.executor.put("ahead", run)
-
-    def _ahead_of(self, state: SessionState) -> Future[Answer] | None:
-        """Return the answer that was computed ahead, or is being computed, to a state."""
-        ahead = self._foreseen
-        return ahead[1] if ahead is not None and ahead[0] == state else None
-
-    def answers(self, answer: Answer, after: SessionState) -> Picture | None:
-        """Return the picture of an answer if it shows the present session."""
-        self._running = self.progress = None
-        if answer.picture is None:
-            return None
-        self._asked = after.document
-        return replace(answer.picture, document=after.document)
-
-    def _answer(self, state: SessionState, request: Request) -> None:
-        """Answer the request of a state, and draw the resulting session, in one job."""
-        running = self._running = request, object()
-        self.progress = Progress(share=0.0, text="Waiting")
-
-        def note(progress: Progress) -> None:
-            if self._running is not running:
-                return
-            self.progress = progress
-            now_s = time.monotonic()
-            if now_s - self._reported_at_s >= PROGRESS_INTERVAL_S:
-                self._reported_at_s = now_s
-                self._page.tabs.tell(None, progress)
-
-        def progress(share: float, text: str) -> None:
-            if self._running is not running:
-                raise CancelledError
-            self._page.executor.on_page(lambda: note(Progress(share=share, text=text)))
-
-        def make() -> Answer:
-            progress(0.0, "Starting")
-            wait_until_compiled(progress, first=request.kind == "start" and self._is_first(state.document))
-            ahead = self._ahead_of(state)
-            while ahead is not None and not ahead.done():
-                wait([ahead], PROGRESS_INTERVAL_S)
-                progress(0.5, "placing the next view")
-            if ahead is not None and ahead.exception() is None:
-                made = ahead.result()
-            else:
-                made = self._computed(state, request, progress)
-            self._made = made.picture or self._made
-            return made
-
-        def take(made: Answer | str) -> None:
-            if isinstance(made, str):
-                _log.warning("%s", made)
-            self._on_answer(state, made)
-
-        self._page.executor.compute("work", make, take, "computing", lambda: self._running is running)
-
-    # --- the threads of the computations ---------------------------------------------------------
-
-    def _computed(
-        self, state: SessionState, request: Request, progress: Callable[[float, str], None]
-    ) -> Answer:
-        event = self._page.integration.answer(state.document, request, progress)
-        after = apply(state, event)
-        progress(1.0, "drawing")
-        picture = attempt(lambda: self._drawn(after.document), "drawing") if after.request is None else None
-        # What cannot be drawn is reported when it is drawn again.
-        return Answer(event, None if isinstance(picture, str) else picture)
-
-    def _draw(self, document: Document) -> Picture:
-        wait_until_compiled(first=self._is_first(document))
-        self._made = self._drawn(document)
-        return self._made
-
-    def _is_first(self, document: Document) -> bool:
-        # To find the sides of a recording without masks takes more kernels.
-        return is_of_one_view(document) and self._page.integration.views.sides is None
-
-    def _drawn(self, document: Document) -> Picture:
-        return make_picture(self._page.integration, document, self._made, self._laid(document))
 
 
 def turned_about(integration: Integration, axis: RotationAxis) -> str:

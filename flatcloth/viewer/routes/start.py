@@ -12,7 +12,8 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from pathlib import Path
+from typing import Annotated, Any, Protocol, TypeVar
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
@@ -23,11 +24,8 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.cache import Cache
 from flatcloth.core.resources import static_folder
 from flatcloth.recordings.mending import Mends, options_of
-from flatcloth.viewer.http import RefusedError, get, page_of, read_body
-from flatcloth.viewer.places import Kind, Places
-
-if TYPE_CHECKING:
-    from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.http import RefusedError, get, page_of, read_json
+from flatcloth.viewer.places import Chosen, Kind, Places
 
 MAX_BODY_BYTES = 4096
 """Limit of a request's body. Chosen: far above what the page sends."""
@@ -53,10 +51,28 @@ class Mend(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     mends: dict[str, Any]
 
 
+class Opener(Protocol):
+    """Opens what all tabs show."""
+
+    @property
+    def recording(self) -> str | None:
+        """The name of the open recording."""
+
+    @property
+    def session(self) -> Path | None:
+        """The folder of the open session."""
+
+    def open(self, chosen: Chosen) -> None:
+        """Open a place."""
+
+    def mend(self, mends: Mends) -> None:
+        """Open the present recording with more mends."""
+
+
 class StartRoutes:
     """Answers the requests of the start screen of a server; ``places`` are what it may open."""
 
-    def __init__(self, places: Places, server: PageServer) -> None:
+    def __init__(self, places: Places, server: Opener) -> None:
         self._places, self._server = places, server
         self._opening = threading.Lock()
         self._pictures: Cache[bytes] = Cache(PICTURES_KEPT)
@@ -104,12 +120,7 @@ class StartRoutes:
         )
 
     async def _opened(self, request: Request, kind: type[T], opener: Callable[[T], None]) -> Response:
-        try:
-            wanted = msgspec.json.decode(await read_body(request, MAX_BODY_BYTES), type=kind)
-        except msgspec.ValidationError as error:
-            raise RefusedError(f"Not understood: {error}.", 400) from error
-        except (ValueError, RecursionError) as error:
-            raise RefusedError(f"The body is not JSON of what to open ({error}).", 400) from error
+        wanted = await read_json(request, kind, MAX_BODY_BYTES)
         if not self._opening.acquire(blocking=False):
             raise RefusedError("Something else is being opened; wait until it is there.", 429)
         try:

@@ -20,7 +20,7 @@ from starlette.routing import Route
 from flatcloth.batch.report import decide, report_html, view_arguments
 from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
-from flatcloth.viewer.http import REFUSALS, RefusedError, read_body
+from flatcloth.viewer.http import REFUSALS, RefusedError, read_json
 from flatcloth.viewer.server.app import serve_app
 from flatcloth.viewer.server.guard import given_token, kept_token
 
@@ -172,10 +172,7 @@ async def _said(request: Request) -> _Said:
     """
     if request.headers.get("content-type", "").split(";")[0] != "application/json":
         raise RefusedError("Expected a name and a verdict, as JSON.", 400)
-    try:
-        return msgspec.json.decode(await read_body(request, _MOST_BODY_BYTES), type=_Said)
-    except (ValueError, RecursionError) as error:
-        raise RefusedError(f"Expected a name and a verdict: {error}.", 400) from error
+    return await read_json(request, _Said, _MOST_BODY_BYTES)
 
 
 def serve_review(out: Path, port: int, ready: Callable[[str, str], None]) -> None:
