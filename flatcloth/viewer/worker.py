@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, get_args
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 
@@ -132,21 +132,10 @@ class Worker:
             job = None  # frees the arrays that it refers to
 
 
-Lane = Literal[
-    "work",
-    "ahead",
-    "repair",
-    "sides",
-    "scene",
-    "clouds",
-    "teaching",
-    "export",
-    "review",
-    "garment",
-    "other side",
-]
-_PATIENT = ("review", "garment", "other side")
+Patient = Literal["review", "garment", "other side"]
 """Lanes whose jobs begin when the other lanes have been idle for ``PATIENCE_S``: nobody waits for them."""
+Lane = Literal["work", "ahead", "repair", "sides", "scene", "clouds", "teaching", "export"] | Patient
+_PATIENT = get_args(Patient)
 PATIENCE_S = 1.5
 """Chosen: while an operator decides view after view, no work begins that the next decision makes useless."""
 
@@ -231,7 +220,7 @@ class Executor:
                 self._changed.wait(left_s)
 
     def _count(self, lane: Lane, by: int) -> None:
-        if lane not in _PATIENT:
+        if lane not in (*_PATIENT, "export"):  # an export takes minutes, and nobody decides by it
             with self._changed:
                 self._urgent += by
                 self._idle_since_s = time.monotonic()

@@ -747,7 +747,6 @@ export interface OtherSideInfo {
   is_related: boolean;
   seams: SeamInfo[];
   reliable_share: number | null;
-  median_std_mm: number | null;
 }
 
 /** A seam between a piece of this side and one of the other; ``why`` says why it does not join them. */
@@ -809,7 +808,6 @@ export interface ActiveStatus {
   why: string;
   new_cm2: number | null;
   end: string | null;
-  reached: boolean;
   waiting: string;
   turning: boolean;
   turns_itself: boolean;

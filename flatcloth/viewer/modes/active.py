@@ -212,7 +212,6 @@ class ActiveApplication(Application):
             why="" if following is None else following.why,
             new_cm2=None if following is None else finite(1e4 * following.new_m2),
             end=asked.reason if isinstance(asked, End) else None,
-            reached=isinstance(asked, End) and asked.reached,
             waiting=asked.reason if isinstance(asked, Waiting) else "",
             turning=self._is_turning,
             turns_itself=self._eye is not None,

@@ -171,14 +171,12 @@ class OtherSideController:
         )
         if made is None:
             return info
-        about = uncertainty(made.sides.other.view)
         return structs.replace(
             info,
             layers=layers_of_other(made),
             is_related=made.sides.is_related,
             seams=tuple(seam_info(made, seam) for seam in made.sides.seams),
-            reliable_share=about.get("firm_share"),
-            median_std_mm=about.get("placement_std_median_mm"),
+            reliable_share=uncertainty(made.sides.other.view).get("firm_share"),
         )
 
     def routes(self) -> list[BaseRoute]:

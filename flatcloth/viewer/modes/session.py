@@ -45,7 +45,7 @@ from flatcloth.session.machine import (
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import auto
 from flatcloth.viewer.hub import Hub
-from flatcloth.viewer.modes import repair, session_work
+from flatcloth.viewer.modes import proposal
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.joints import JointService
@@ -104,7 +104,7 @@ class Application(PageController):
         self._ghosts = read_ghosts(self.place)
         self.other = OtherSideController(self, self._both, self._other_made)
         self._work = SessionWork(self)
-        self._previews = repair.Previews(self)
+        self._previews = proposal.Previews(self)
         self._review = ReviewService(self)
         self._sides = SideController(self)
         self._joints = JointService(self)
@@ -167,20 +167,20 @@ class Application(PageController):
             case messages.Do():
                 self._decide(client, message)
             case messages.Preview():
-                by = session_work.meant(self._placed(), message)
+                by = proposal.meant(self._placed(), message)
                 self._previews.ask(client, message, self._state.document, by)
             case messages.Move(view_index=view):
-                self._by_hand(Nudge(view, session_work.meant(self._placed(), message)))
+                self._by_hand(Nudge(view, proposal.meant(self._placed(), message)))
             case messages.TakePart(view_index=view, component=component):
-                pending = repair.meant(self._state.document, view)
-                place = repair.place_of_part(pending, self._overlay, component)
+                pending = proposal.asked_about(self._state.document, view)
+                place = proposal.place_of_part(pending, self._overlay, component)
                 self._by_hand(TakePart(view, component, place))
             case messages.LeaveOut(view_index=view, part_view=part_view, component=component):
                 self._by_hand(LeaveOut(view, part_view, component))
             case messages.PlacePiece():
                 sheet = None if self.picture is None else self.picture.sheet
                 laid = self.other.laid(self._state.document)
-                commands, self._ghosts = session_work.placing_piece(
+                commands, self._ghosts = proposal.placing_piece(
                     self.integration, self._state.document, sheet, message, self.garments.last, laid
                 )
                 for command in commands:
@@ -189,14 +189,14 @@ class Application(PageController):
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
-                nudge, fit = repair.fitted(self._state.document, self._placed(), message)
+                nudge, fit = proposal.fitted(self._state.document, self._placed(), message)
                 if nudge is not None:
                     self._by_hand(nudge)
                 self.tabs.tell(client, fit)
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
             case messages.SetAxis(apply=apply):
-                axis = session_work.meant_axis(self.integration.axis, message)
+                axis = proposal.meant_axis(self.integration.axis, message)
                 if apply:
                     self._adjust_axis(axis)
                 else:
@@ -233,7 +233,7 @@ class Application(PageController):
     def _decide(self, client: int, do: messages.Do) -> None:
         if do.action == "step" and self._trouble:
             raise FlatclothError(self._trouble)
-        before, score = self._state, session_work.score_shown(self.picture, self._state.document)
+        before, score = self._state, proposal.score_shown(self.picture, self._state.document)
         command = command_of(do.action, before, do.view_index, do.reason, score)
         self._going_on = self.settings.now.advance and isinstance(command, Accept | Reject | Skip)
         self._by_hand(command)
@@ -247,11 +247,11 @@ class Application(PageController):
         return None if self.picture is None else self.picture.overlay
 
     def _placed(self) -> tuple[Pending, Overlay] | None:
-        return session_work.placed(self._state.document, self._overlay)
+        return proposal.placed(self._state.document, self._overlay)
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
-        repair.meant(document, view)
+        proposal.asked_about(document, view)
         self.executor.compute(
             "repair",
             lambda: self.integration.refined_score(document),
@@ -267,7 +267,7 @@ class Application(PageController):
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
         placed = self._placed()
         own = (0.0, 0.0) if placed is None else placed[1].own_center_uv_m
-        by, text = repair.refined_motion(pending, found, pending.current_from_new.apply(np.array(own)))
+        by, text = proposal.refined_motion(pending, found, pending.current_from_new.apply(np.array(own)))
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
         self.tell(client, "info", text)
@@ -289,7 +289,7 @@ class Application(PageController):
         # Later jobs of the lane use the new axis.
         self.executor.compute(
             "work",
-            lambda: session_work.turned_about(self.integration, axis),
+            lambda: proposal.turned_about(self.integration, axis),
             lambda text: self._turned_about(axis, text),
             "turning the axis",
         )
@@ -349,7 +349,7 @@ class Application(PageController):
         is_shown = picture is not None and picture.document is self._state.document
         is_asked = self._state.phase is Phase.DECIDING and self.settings.now.advance
         if pending is not None and is_shown and is_asked:
-            score = session_work.score_shown(picture, self._state.document)
+            score = proposal.score_shown(picture, self._state.document)
             accepted = apply(self._state, Accept(pending.view_index, score))
             if accepted.phase is Phase.READY:
                 self._work.foresee(apply(accepted, Propose()))
@@ -370,7 +370,7 @@ class Application(PageController):
                 self.other.is_wanted = True
                 self._end_auto(step.level, step.text, step.by_choice)
             case Accept(view_index=view):
-                self._do(Accept(view, session_work.score_shown(self.picture, self._state.document)))
+                self._do(Accept(view, proposal.score_shown(self.picture, self._state.document)))
             case _:
                 self._do(step)
 
@@ -412,7 +412,7 @@ class Application(PageController):
             "pending": pending,
             "review": self._review.info(document),
             "auto": structs.replace(self._auto, until=auto.until_text(self.settings.now)),
-            "axis": session_work.axis_info(self.integration.axis),
+            "axis": proposal.axis_info(self.integration.axis),
             "sides": self._sides.info(),
             "garment": self._garment.info(),
             "other": self.other.info(),
@@ -470,7 +470,7 @@ class Application(PageController):
         if document is not None and document.pending is not None and document.pending.moved:
             self.executor.compute(
                 "work",
-                lambda: session_work.joins(self.integration, document),
+                lambda: proposal.joins(self.integration, document),
                 lambda found: self._found_out(document, found),
                 "trying the placement",
                 lambda: self._state.document is document,  # otherwise it was moved on, or decided

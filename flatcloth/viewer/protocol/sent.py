@@ -150,7 +150,6 @@ class ActiveStatus(Sent, frozen=True):
     why: str
     new_cm2: float | None
     end: str | None
-    reached: bool
     waiting: str
     turning: bool
     turns_itself: bool

@@ -198,7 +198,6 @@ class OtherSideInfo(Sent, frozen=True):
     is_related: bool = False
     seams: tuple[SeamInfo, ...] = ()
     reliable_share: float | None = None
-    median_std_mm: float | None = None
 
 
 class PendingPart(Sent, frozen=True):
