@@ -14,6 +14,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.active.service import ActiveService
+from flatcloth.core.errors import RecordingError
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.robot import PostedView, RobotEvent, ShapeChanged
 from flatcloth.viewer.routes.robot import Shown, Told, news
@@ -41,7 +42,7 @@ def active_routes(
         posted = await http.read_json(request, PostedView, MAX_BODY_BYTES)
         try:
             seen = await run_in_threadpool(posted.view) if posted.has_images else None
-        except ValueError as error:
+        except (ValueError, RecordingError) as error:
             raise http.RefusedError(f"The view was not read: {error}", 400) from error
         if seen is None:
             return await answered(lambda: service.look(posted.angle_deg, posted.number, rotation_deg))

@@ -16,7 +16,7 @@ from flatcloth.export.growth import Kept
 from flatcloth.export.session import is_floating_file, of_page
 from flatcloth.viewer.http import RefusedError
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.worker import awaited, one_at_a_time
+from flatcloth.viewer.worker import attempt, awaited, one_at_a_time
 
 _log = logging.getLogger(__name__)
 
@@ -53,7 +53,7 @@ class ExportRoutes:
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
         left = threading.Event()
         self._clients.add(left)
-        run, made = awaited(lambda: self._make(name, left))
+        run, made = awaited(lambda: attempt(lambda: self._make(name, left), f"exporting {name}"))
         work = asyncio.wrap_future(made)
         work.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may be left to ask
         self._page.executor.put("export", run)
@@ -63,14 +63,11 @@ class ExportRoutes:
                 if not work.done() and (left.is_set() or await request.is_disconnected()):
                     return PlainTextResponse("The client of this export has left.", status_code=499)
             data = work.result()
-        except FlatclothError:
-            raise
-        except Exception as error:  # noqa: BLE001 - reported and logged
-            _log.exception("the export of %s failed", name)
-            return PlainTextResponse(f"Unexpected error: {error!r}. See the terminal.", status_code=500)
         finally:
             left.set()
             self._clients.discard(left)
+        if isinstance(data, str):
+            raise FlatclothError(data)
         # As a download, never shown with the page's origin: its texts come from the recording.
         stem = re.sub(r"[^A-Za-z0-9._-]+", "-", self._page.integration.recording.name).strip("-.")[:60]
         headers = {"Content-Disposition": f'attachment; filename="{stem or "flatcloth"}-{name}"'}
