@@ -6,7 +6,6 @@ are not among them: a session keeps those that it was started with, in its ``ses
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,13 +13,14 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, structs
 
-from flatcloth.core.decoding import MisfitError, decoded, fitted
-from flatcloth.core.errors import FlatclothError, os_errors_as
-from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.core.decoding import MisfitError, fitted
+from flatcloth.core.errors import FlatclothError
+from flatcloth.session.kept import read_kept, write_kept
 from flatcloth.viewer.protocol.sent import Sent, table
 
 FILE = "settings.json"
 FORMAT = "flatcloth-settings/1"
+_REMEDY = "Delete it to restore the defaults."
 
 
 class Settings(Sent, frozen=True):
@@ -124,11 +124,7 @@ class SettingsStore:
         """
         settings = self._with(values, self.defaults if reset else self.now)
         if self._path is not None:
-            content = {"format": FORMAT, **structs.asdict(settings)}
-            with os_errors_as(
-                FlatclothError, f"{self._path}: cannot be written", "Nothing was set. Free disk space."
-            ):
-                replace_file(self._path, json.dumps(content, indent=1).encode() + b"\n")
+            write_kept(self._path, {"format": FORMAT, **structs.asdict(settings)})
         self.now = settings
 
     def _with(self, values: Mapping[str, Any], before: Settings) -> Settings:
@@ -137,21 +133,15 @@ class SettingsStore:
         except MisfitError as error:
             titles = {row.name: row.title for row in self.rows}
             name = titles.get(error.where, error.where)
-            raise FlatclothError(f"{name}: {error.found} is no value of this setting.") from error
+            raise FlatclothError(f"{name}: {error.found} cannot be set.") from error
 
     def _read(self, path: Path) -> Settings:
-        try:
-            kept = decoded(read_plain(path), dict[str, Any])
-            if kept.pop("format", None) != FORMAT:
-                raise ValueError(f"its format is not {FORMAT}")
-            return self._with(kept, self.defaults)
-        except FileNotFoundError:
+        kept = read_kept(path, dict[str, Any], _REMEDY)
+        if kept is None:
             return self.defaults
-        except OSError as error:
-            raise FlatclothError(
-                f"{path}: cannot be read ({error.strerror}). Check its permissions."
-            ) from error
-        except (ValueError, FlatclothError) as error:
-            raise FlatclothError(
-                f"{path}: is damaged ({error}). Delete it to restore the defaults."
-            ) from error
+        try:
+            if kept.pop("format", None) != FORMAT:
+                raise FlatclothError(f"its format is not {FORMAT}")
+            return self._with(kept, self.defaults)
+        except FlatclothError as error:
+            raise FlatclothError(f"{path}: damaged ({error}). {_REMEDY}") from error
