@@ -9,9 +9,10 @@ import asyncio
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import quote
 
+import msgspec
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
@@ -21,6 +22,8 @@ from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
 from flatcloth.viewer.protocol.sent import encoded
+
+T = TypeVar("T")
 
 BODY_S = 10.0
 """Time limit for the body of a request. Chosen: as for its headers."""
@@ -132,3 +135,17 @@ async def read_body(request: Request, most_bytes: int) -> bytes:
     except ClientDisconnect as error:
         raise ValueError("it was cut short") from error
     return body
+
+
+async def read_json(request: Request, kind: type[T], most_bytes: int, hint: str = "") -> T:
+    """Return the body of a request as a value of a type.
+
+    Raises
+    ------
+    RefusedError
+        If it is no JSON of that type, with the ``hint``; or as :func:`read_body`.
+    """
+    try:
+        return msgspec.json.decode(await read_body(request, most_bytes), type=kind)
+    except (ValueError, RecursionError) as error:
+        raise RefusedError(f"The body was not understood: {error}. {hint}".rstrip(), 400) from error

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, get_args
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 
@@ -39,6 +39,21 @@ def attempt(make: Callable[[], T], doing: str) -> T | str:
     except Exception as error:  # noqa: BLE001 - reported and logged
         _log.exception("unexpected error while %s", doing)
         return f"Unexpected error while {doing}: {error!r:.300}. See the terminal."
+
+
+def awaited(job: Callable[[], T]) -> tuple[Job, Future[T]]:
+    """Return a job for a thread, and what its result can be awaited with."""
+    done: Future[T] = Future()
+
+    def run() -> None:
+        if not done.set_running_or_notify_cancel():
+            return  # nobody waits any more
+        try:
+            done.set_result(job())
+        except Exception as error:  # noqa: BLE001 - raised where the result is awaited
+            done.set_exception(error)
+
+    return run, done
 
 
 @contextlib.contextmanager
@@ -84,16 +99,7 @@ class Worker:
         FlatclothError
             If the job does, or its turn does not come in time.
         """
-        done: Future[T] = Future()
-
-        def run() -> None:
-            if not done.set_running_or_notify_cancel():
-                return  # nobody waits any more
-            try:
-                done.set_result(job())
-            except Exception as error:  # noqa: BLE001 - raised where the result is awaited
-                done.set_exception(error)
-
+        run, done = awaited(job)
         self.put(run)
         try:
             return done.result(timeout_s)
@@ -126,11 +132,10 @@ class Worker:
             job = None  # frees the arrays that it refers to
 
 
-Lane = Literal[
-    "work", "ahead", "repair", "sides", "scene", "clouds", "teaching", "review", "garment", "other side"
-]
-_PATIENT = ("review", "garment", "other side")
+Patient = Literal["review", "garment", "other side"]
 """Lanes whose jobs begin when the other lanes have been idle for ``PATIENCE_S``: nobody waits for them."""
+Lane = Literal["work", "ahead", "repair", "sides", "scene", "clouds", "teaching", "export"] | Patient
+_PATIENT = get_args(Patient)
 PATIENCE_S = 1.5
 """Chosen: while an operator decides view after view, no work begins that the next decision makes useless."""
 
@@ -215,7 +220,7 @@ class Executor:
                 self._changed.wait(left_s)
 
     def _count(self, lane: Lane, by: int) -> None:
-        if lane not in _PATIENT:
+        if lane not in (*_PATIENT, "export"):  # an export takes minutes, and nobody decides by it
             with self._changed:
                 self._urgent += by
                 self._idle_since_s = time.monotonic()

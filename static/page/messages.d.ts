@@ -360,7 +360,7 @@ export interface PageState {
   undo: string | null;
   redo: string | null;
   n_later: number;
-  request: AwaitedRequest | null;
+  request: Request | null;
   progress: Progress | null;
   pending: PendingInfo | null;
   drawing: boolean;
@@ -449,11 +449,11 @@ export interface OverlayInfo {
   view_index: number;
   center_uv_m: [number, number];
   differences: Record<string, Legend>;
-  placement: Placement;
+  placement: Rigid2;
 }
 
-/** A rigid motion of the plane: a rotation about the origin, then a shift. */
-export interface Placement {
+/** A rigid motion of the plane (no mirror): ``p -> R(theta) p + (u, v)``. */
+export interface Rigid2 {
   theta_rad: number;
   u_m: number;
   v_m: number;
@@ -515,7 +515,7 @@ export interface Note {
   time_s: number;
 }
 
-/** The operator's settings, in the order of their dialog. */
+/** The operator's settings, in the order of their dialog, which :data:`_DIALOG` describes. */
 export interface Settings {
   advance: boolean;
   auto_threshold: number;
@@ -573,8 +573,9 @@ export interface Action {
   why_not: string | null;
 }
 
-/** The computation that a session waits for. */
-export interface AwaitedRequest {
+/** Work that the session waits for. */
+export interface Request {
+  token: number;
   kind: string;
   view_index: number | null;
 }
@@ -630,7 +631,7 @@ export interface PlacedPartInfo {
 /** The floating piece that the proposal joins to the shape, and its motion on the sheet. */
 export interface JoinedPieceInfo {
   label: string;
-  placement: Placement;
+  placement: Rigid2;
 }
 
 /** What accepting the proposal would add, and join. */
@@ -655,7 +656,7 @@ export interface Check {
 /** Where a piece placed by hand would lie by the garment, or by seams, with its deviation there. */
 export interface GhostInfo {
   source: "garment" | "seams";
-  placement: Placement;
+  placement: Rigid2;
   std_mm: number;
 }
 
@@ -746,7 +747,6 @@ export interface OtherSideInfo {
   is_related: boolean;
   seams: SeamInfo[];
   reliable_share: number | null;
-  median_std_mm: number | null;
 }
 
 /** A seam between a piece of this side and one of the other; ``why`` says why it does not join them. */
@@ -808,7 +808,6 @@ export interface ActiveStatus {
   why: string;
   new_cm2: number | null;
   end: string | null;
-  reached: boolean;
   waiting: string;
   turning: boolean;
   turns_itself: boolean;
@@ -1010,13 +1009,6 @@ export interface ZAngleLine {
   center_uv_m: any[];
   direction: any[];
   point_uv_m: any[];
-}
-
-/** A rigid motion of the plane (no mirror): ``p -> R(theta) p + (u, v)``. */
-export interface Rigid2 {
-  theta_rad: number;
-  u_m: number;
-  v_m: number;
 }
 
 /** The same cloth in a component of a view and in the shape: what fixes the component's place. */

@@ -160,7 +160,7 @@ declare global {
   type XYZ = [number, number, number];
   type RGB = [number, number, number];
   /** A place at which what the handles hold may belong; its title is shown `at` a place from the centre. */
-  type Ghost = { source: string; title: string; placement: M.Placement; at?: UV };
+  type Ghost = { source: string; title: string; placement: M.Rigid2; at?: UV };
   /** What the handles hold: the ring's place from the centre, ghosts, and how an outline is drawn. */
   type Held = { arm: UV; ghosts: Ghost[]; draw: (motion: Motion) => void };
   /** A rotation (radians), then a shift (metres). */
@@ -181,7 +181,7 @@ declare global {
   /** A picture that is shown, where it lies. */
   type Shown = {
     revision: number;
-    grid: Grid & { placement?: M.Placement };
+    grid: Grid & { placement?: M.Rigid2 };
     box: Box;
     image: Drawable | Pyramid;
     address?: string;

@@ -248,9 +248,9 @@ def test_a_sent_view_that_is_wrong_is_refused_in_words(tmp_path: Path, served: S
         ({**good, "color": wide}, "its shape and dtype need 3"),
         ({**good, "depth": good["color"]}, "depth must be uint16"),
         ({**good, "depth": png(np.zeros((4, 4), np.uint8))}, "depth must be a PNG of 16 bits, grey"),
-        ({**good, "K": [[1, 0, 0], [0, 0, 0], [0, 0, 1]]}, "K is no camera matrix"),
-        ({**good, "K": [[1e5, 0, 0], [0, 1e5, 0], [0, 0, 1]]}, "impossible focal length"),
-        ({**good, "mask": png(np.zeros((4, 4), np.uint8))}, "mask has another size"),
+        ({**good, "K": [[200, 5, 0], [0, 200, 0], [0, 0, 1]]}, "is no camera matrix"),
+        ({**good, "K": [[1e5, 0, 0], [0, 1e5, 0], [0, 0, 1]]}, "fx is 100000"),
+        ({**good, "mask": png(np.zeros((4, 4), np.uint8))}, "masks[0]"),
     ]
     for body, why in cases:
         answer = served.post(body)
@@ -269,7 +269,7 @@ def test_a_sent_view_that_is_wrong_is_refused_in_words(tmp_path: Path, served: S
 def test_the_transparency_of_a_sent_png_is_no_fourth_channel() -> None:
     values, file = np.arange(12, dtype=np.uint8).reshape(2, 2, 3), io.BytesIO()
     PillowImage.fromarray(values).save(file, "PNG", transparency=(0, 1, 2))
-    depth = Image(raw=bytes(8), shape=(2, 2), dtype="uint16")
+    depth = Image(raw=bytes([1, 0] * 4), shape=(2, 2), dtype="uint16")
     camera = ((2.0, 0.0, 1.0), (0.0, 2.0, 1.0), (0.0, 0.0, 1.0))
     posted = PostedView(angle_deg=0.0, color=Image(png=file.getvalue()), depth=depth, K=camera)
     assert np.array_equal(posted.view().color, values)

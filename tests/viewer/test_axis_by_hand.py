@@ -96,11 +96,6 @@ class Keeping(MemoryFolder):
     full = False
 
 
-def ready(server: PageServer) -> bool:
-    state = server.application.last_state
-    return state is not None and state.phase == "ready" and state.layers is not None
-
-
 def test_an_axis_is_kept_and_shown_unless_it_cannot_be_kept_or_comes_amid_work() -> None:
     integration, folder = Turnable(), Keeping()
     axis = {"right_m": 0.01, "away_m": 0.8, "lean_right_deg": 10.0, "lean_away_deg": 0.0, "apply": True}

@@ -68,7 +68,7 @@ def test_a_grip_that_is_none_is_told_and_changes_nothing(server: PageServer, pla
             ({"id": 1, "opening_m": 2.0}, "A gripper opens 5 to 300 mm"),
             ({"id": 3, "axis_deg": 10.0}, "too little cloth"),  # the pick that is not on the shape
             ({"id": 99, "opening_m": 0.05}, "no longer in the list"),
-            ({"id": 1, "axis_deg": "steep"}, "axis_deg is text; expected a number"),
+            ({"id": 1, "axis_deg": "steep"}, "at `$.axis_deg`"),
         ):
             tab.say(type="grip", **wrong)
             assert cause in tab.note()["text"]

@@ -16,7 +16,7 @@ from scene_camera import SceneCamera, opened
 from viewer_fakes import CylinderCamera, CylinderIntegration
 
 from flatcloth.core.errors import FlatteningError
-from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings, LiveFrames
+from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings, LiveFrames, Shown
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
@@ -33,17 +33,20 @@ def frames(camera: CylinderCamera) -> LiveFrames:
     return LiveFrames(camera.newest)
 
 
+def after(frames: LiveFrames, sequence: int) -> Shown:
+    shown = frames.after(sequence)
+    assert shown is not None
+    return shown
+
+
 def test_a_frame_is_flattened_when_somebody_wants_a_newer_one(
     frames: LiveFrames, camera: CylinderCamera
 ) -> None:
     assert camera.asked == 0
-    first = frames.after(0)
-    assert first is not None
+    first = after(frames, 0)
     assert first.picture is not None
     assert frames.after(0) is first  # another tab gets the same
-    second = frames.after(first.sequence)
-    assert second is not None
-    assert second.sequence > first.sequence
+    assert after(frames, first.sequence).sequence > first.sequence
     assert camera.asked == 2
 
 
@@ -55,9 +58,7 @@ def test_tabs_that_ask_at_once_get_one_frame(frames: LiveFrames, camera: Cylinde
 
 
 def test_a_held_frame_stays_until_it_goes_on(frames: LiveFrames, camera: CylinderCamera) -> None:
-    seen, later = frames.after(0), frames.after(1)
-    assert seen is not None
-    assert later is not None
+    seen, later = after(frames, 0), after(frames, 1)
     held = frames.hold(seen.sequence)
     assert held is not None
     assert held.picture is not None
@@ -67,37 +68,24 @@ def test_a_held_frame_stays_until_it_goes_on(frames: LiveFrames, camera: Cylinde
     assert frames.after(held.sequence) is None
     assert camera.asked == 2
     with ThreadPoolExecutor(1) as tab:
-        waiting = tab.submit(frames.after, held.sequence)
+        waiting = tab.submit(after, frames, held.sequence)
         time.sleep(0.05)
         frames.play()
-        shown = waiting.result()
-    assert shown is not None
-    assert shown.sequence > held.sequence
+        assert waiting.result().sequence > held.sequence
 
 
-def test_a_frame_without_cloth_is_empty_and_says_why(frames: LiveFrames, camera: CylinderCamera) -> None:
-    camera.errors[0] = FlatteningError("The camera sees no item to flatten.")
-    empty = frames.after(0)
-    assert empty is not None
-    assert empty.picture is None
-    assert empty.reason == "The camera sees no item to flatten."
-    following = frames.after(empty.sequence)
-    assert following is not None
-    assert following.picture is not None
-
-
-def test_an_unexpected_error_is_told_and_pauses(
-    frames: LiveFrames, camera: CylinderCamera, caplog: pytest.LogCaptureFixture
+def test_a_frame_without_cloth_is_empty_and_says_why_and_an_unexpected_error_also_pauses(
+    frames: LiveFrames, camera: CylinderCamera
 ) -> None:
-    camera.errors[0] = ZeroDivisionError("division by zero")
-    shown = frames.after(0)
-    assert shown is not None
-    assert "division by zero" in shown.reason
-    assert not frames.playing
-    frames.play()
-    following = frames.after(shown.sequence)
-    assert following is not None
-    assert following.picture is not None
+    no_item = FlatteningError("The camera sees no item to flatten.")
+    for error, pauses in ((no_item, False), (ZeroDivisionError("division by zero"), True)):
+        camera.errors[camera.asked] = error
+        empty = after(frames, camera.asked)
+        assert empty.picture is None
+        assert str(error) in empty.reason
+        assert frames.playing is not pauses
+        frames.play()
+        assert after(frames, empty.sequence).picture is not None
 
 
 # --- the page ---------------------------------------------------------------------------------------

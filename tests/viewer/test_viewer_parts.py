@@ -22,15 +22,12 @@ from flatcloth.session.machine import (
     Propose,
     Proposed,
     Reject,
-    Reopen,
-    Restart,
     SessionState,
-    Skip,
     Start,
     Started,
     apply,
 )
-from flatcloth.viewer.protocol.actions import ACTIONS, action_table, command_of
+from flatcloth.viewer.protocol.actions import ACTIONS, action_table
 from flatcloth.viewer.protocol.picture import values_at
 
 AXIS = CylinderRecording().rotation_axis
@@ -97,27 +94,6 @@ def state_after(*steps):
 def test_the_table_says_why_an_action_is_not_allowed_now(steps, name, said):
     why_not = next(a.why_not for a in action_table(state_after(*steps)) if a.name == name)
     assert why_not is None if said is None else said in why_not
-
-
-@pytest.mark.parametrize(
-    ("steps", "name", "given", "command"),
-    [
-        ((), "step", {}, Start()),
-        ((), "view", {"view_index": 2}, Start(2)),
-        (STARTED, "step", {}, Propose()),
-        (STARTED, "view", {"view_index": 2}, Propose(2)),
-        (STARTED, "accept", {}, Accept(-1)),
-        (STARTED, "reopen", {}, Reopen(-1)),
-        (STARTED, "restart", {"view_index": 2}, Restart(2)),
-        (PENDING, "accept", {"score": 0.5}, Accept(1, 0.5)),
-        (PENDING, "accept", {"view_index": 2}, Accept(2)),
-        (PENDING, "skip", {}, Skip(1)),
-        (PENDING, "reject", {}, Reject(1, "wrong place")),
-        (PENDING, "reject", {"view_index": 2, "reason": "bad depth"}, Reject(2, "bad depth")),
-    ],
-)
-def test_an_action_is_the_command_that_it_means_now(steps, name, given, command):
-    assert command_of(name, state_after(*steps), given) == command
 
 
 def test_views_used_together_and_neighbours_have_colours_of_their_own():

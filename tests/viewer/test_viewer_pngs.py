@@ -84,15 +84,6 @@ def test_the_proposal_is_shown_in_the_colours_of_the_shape(client, shown):
     assert image_of(client.get("/overlay/7.png"))[overlay.valid][0, 1] == 120
 
 
-def test_the_proposals_colours_span_the_shapes_range():
-    axis = CylinderIntegration().axis
-    half = cylinder_view({0: 0.0})
-    half.valid[30:] = False
-    like = rgba(half, "height", axis, 12, like=VIEW)
-    np.testing.assert_array_equal(like[:30], rgba(VIEW, "height", axis, 12)[:30])
-    assert not np.array_equal(like, rgba(half, "height", axis, 12))
-
-
 def test_differences_are_mapped_over_the_common_cloth_only(client, shown):
     overlay = shown.picture.overlay.view
     image = image_of(client.get("/difference/3-7/position.png"))
@@ -140,7 +131,7 @@ def test_a_look_that_cannot_be_is_one_clear_line(client, query):
     answer = client.get(f"/layers/3/height.png?{query}")
     assert answer.status_code == 400
     assert "\n" not in answer.text
-    assert "rainbow" in answer.text or "0 <= low" in answer.text
+    assert any(said in answer.text for said in ("rainbow", "0 <= low", "is text"))
 
 
 def test_a_picture_is_encoded_once(client, shown):

@@ -24,10 +24,9 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
 from flatcloth.engine.headless import better_start
 from flatcloth.session.document import UNSURE
-from flatcloth.session.machine import Phase, Propose, Reject, Restart, Start
+from flatcloth.session.machine import Phase, Propose, Reject, Restart, SessionState, Start
 from flatcloth.viewer.hub import Hub
-from flatcloth.viewer.modes.session import Application
-from flatcloth.viewer.modes.session_work import Answer
+from flatcloth.viewer.modes.session import Answer, Application
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
@@ -157,11 +156,11 @@ class ActiveApplication(Application):
     def _look_ahead(self) -> None:
         """Foresee nothing: the next view is still to be taken."""
 
-    def _answered(self, answer: Answer) -> None:
+    def answered_with(self, asked: SessionState, answer: Answer | str) -> None:
         """Also let Auto go on after a view that cannot be placed: it is put off, as without a page."""
         puts_off = self._auto.running and self._undecided is not None
-        super()._answered(answer)
-        if answer.event is None and puts_off:
+        super().answered_with(asked, answer)
+        if isinstance(answer, str) and puts_off:
             self._auto = AutoInfo(running=True)
 
     def _auto_step(self) -> None:
@@ -213,7 +212,6 @@ class ActiveApplication(Application):
             why="" if following is None else following.why,
             new_cm2=None if following is None else finite(1e4 * following.new_m2),
             end=asked.reason if isinstance(asked, End) else None,
-            reached=isinstance(asked, End) and asked.reached,
             waiting=asked.reason if isinstance(asked, Waiting) else "",
             turning=self._is_turning,
             turns_itself=self._eye is not None,

@@ -18,7 +18,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from msgspec import structs
 
@@ -30,7 +29,6 @@ from flatcloth.cameras.feed import CameraFeed
 from flatcloth.cameras.guided_capture import GuidedCapture, TakenView, writer_for
 from flatcloth.checking.check import check_recording
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
-from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import Floats
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.live import LiveFlattening, LiveFrame, cloud_of
@@ -46,7 +44,7 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import ONLY_A_CAMERA, Action, action_table
 from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
+from flatcloth.viewer.protocol.sent import UV, Grid, Legend, parcel_of, typed
 from flatcloth.viewer.protocol.state import CapturedView, CaptureStatus, ViewRow
 from flatcloth.viewer.scene.scene import Scene
 
@@ -357,17 +355,14 @@ class CaptureApplication(PageController):
                 legend=typed(layers.legend(picture.view, layer, axis, (0.0,)), Legend),
                 pick_uv_m=self._pick_uv_m(picture),
             )
-        parcel = Parcel(msgspec.json.decode(encoded(info)))  # encoding makes NaN null
-        if picture is not None:
-            rgba = layers.rgba(picture.view, layer, axis, 1)
-            parcel.picture("frame", layers.png(rgba), rgba.shape[:2])
-        return parcel.pack()
+        frame = {} if picture is None else {"frame": layers.rgba(picture.view, layer, axis, 1)}
+        return parcel_of(info, frame).pack()
 
     def _pick_uv_m(self, picture: Picture) -> UV | None:
         current = self._picks.current
         if current is None or not picture.view.valid.any():
             return None
-        rc, distance_m = pixel_of_point(picture.view, current.pick.position_held_m)
+        rc, distance_m = pixel_of_point(picture.view, current.position_held_m)
         if distance_m > LOST_AT_M:
             return None
         u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()

@@ -321,8 +321,8 @@ class PageController(ABC):
         current, picture = self._picks.current, self.picture
         if current is None or picture is None or not self.settings.now.turn_to_pick:
             return
-        if faces_away(current.pick, self.integration.axis, picture.angle_deg):
-            self._turn_to(current.pick.view_index)
+        if faces_away(current, self.integration.axis, picture.angle_deg):
+            self._turn_to(current.view_index)
 
     def _measured(self, asked: messages.Measure) -> Measured:
         if self.picture is None:

@@ -37,14 +37,7 @@ _TELL_S = 0.4
 class OtherSideController:
     """Computes the other side of the shape that a page shows; its methods are for the page's own thread.
 
-    Parameters
-    ----------
-    page : PageController
-        The page.
-    both : BothSides
-        Integrates and joins the other side.
-    on_made : callable
-        Called when another side is ``made``, or none.
+    ``on_made`` is called when another side is ``made``, or none.
     """
 
     def __init__(self, page: PageController, both: BothSides, on_made: Callable[[], None]) -> None:
@@ -178,14 +171,12 @@ class OtherSideController:
         )
         if made is None:
             return info
-        about = uncertainty(made.sides.other.view)
         return structs.replace(
             info,
             layers=layers_of_other(made),
             is_related=made.sides.is_related,
             seams=tuple(seam_info(made, seam) for seam in made.sides.seams),
-            reliable_share=about.get("firm_share"),
-            median_std_mm=about.get("placement_std_median_mm"),
+            reliable_share=uncertainty(made.sides.other.view).get("firm_share"),
         )
 
     def routes(self) -> list[BaseRoute]:

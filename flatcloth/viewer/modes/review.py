@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,6 @@ class ReviewService:
         self._flags = Flags(integration.accept_score)
         self._read: tuple[Accepted, ...] | None = None
         self._document: Document | None = None
-        self._working = self._news = False
         self._results: Cache[Result] = Cache(4)
         self._thumbs: Cache[bytes] = Cache(THUMBS_KEPT)
         self._token = secrets.token_hex(4)
@@ -59,7 +59,7 @@ class ReviewService:
         ]
 
     def follow(self, picture: Picture) -> None:
-        """Compute the data of the views of a picture, one at a time, so that other jobs can run between."""
+        """Compute what is missing of the views of a picture, one at a time: other jobs run between."""
         document = picture.document
         if document is None:
             return
@@ -67,8 +67,18 @@ class ReviewService:
             self._areas.note(document, picture.sheet.canonical)
             self._page.executor.put("review", self.keep_summary)
         self._document = document
-        if not self._working:
-            self._go_on()
+        areas, missing = self._areas, self._areas.missing(document)
+        if not missing and self._read == document.accepted:
+            return
+        steps: list[Callable[[], Flags | None]] = [partial(areas.compute, document, n) for n in missing]
+        for step in (*steps, self._history):
+            self._page.executor.compute(
+                "review",
+                step,
+                partial(self._take, document),
+                "reviewing the views",
+                lambda: self._document is document,
+            )
 
     def keep_summary(self) -> None:
         """Keep how far the session is, for lists of sessions."""
@@ -109,37 +119,17 @@ class ReviewService:
         place = hash((axis.point_m.tobytes(), axis.direction.tobytes(), document.strokes)) & 0xFFFFFFFF
         return ReviewInfo(token=f"{self._token}{place:x}", flags=FLAGS)
 
-    def _go_on(self, *, failed: bool = False) -> None:
-        """Compute the next missing item, or show what is new if there is none; on the page's own thread."""
-        document = self._document
-        assert document is not None
-        missing = self._areas.missing(document)
-        self._working = not failed and (bool(missing) or self._read != document.accepted)
-        if self._working:
-            self._page.executor.compute(
-                "review", lambda: self._step(document, missing), self._take, "reviewing the views"
-            )
-        elif self._news:
-            self._news = False
+    def _history(self) -> Flags:
+        """Read what was decided otherwise before."""
+        limit, place = self._page.integration.accept_score, self._page.place
+        return Flags(limit) if place is None else Flags(limit, overridden(read_history(place), limit))
+
+    def _take(self, document: Document, made: Flags | str | None) -> None:
+        if isinstance(made, str):
+            _log.warning("the review is incomplete: %s", made)
+        elif made is not None:  # the last step
+            self._flags, self._read = made, document.accepted
             self._page.publish()
-
-    def _take(self, is_new: bool | str) -> None:
-        if isinstance(is_new, str):
-            _log.warning("the review is incomplete: %s", is_new)
-        self._news = self._news or is_new is True
-        self._go_on(failed=isinstance(is_new, str))
-
-    def _step(self, document: Document, missing: Sequence[int]) -> bool:
-        """Compute the next missing item; return whether that is news for the page."""
-        before = self._flags
-        if self._read != document.accepted:
-            self._read = document.accepted
-            if self._page.place is not None:
-                limit = self._page.integration.accept_score
-                self._flags = Flags(limit, overridden(read_history(self._page.place), limit))
-        if missing:
-            self._areas.compute(document, missing[0])
-        return bool(missing) or before != self._flags
 
     # --- from the web server's threads -------------------------------------------------------
 

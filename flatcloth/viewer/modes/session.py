@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from msgspec import structs
 from starlette.routing import BaseRoute
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import RefinedScore
+from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
+from flatcloth.session.axis_file import check_axis
 from flatcloth.session.commands import LeaveOut, paint
 from flatcloth.session.ghosts import keep_ghosts, read_ghosts
 from flatcloth.session.machine import (
@@ -29,6 +34,7 @@ from flatcloth.session.machine import (
     Phase,
     Propose,
     Reject,
+    Request,
     Restart,
     SessionState,
     Skip,
@@ -39,26 +45,41 @@ from flatcloth.session.machine import (
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import auto
 from flatcloth.viewer.hub import Hub
-from flatcloth.viewer.modes import repair, session_work
+from flatcloth.viewer.modes import proposal
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.joints import JointService
 from flatcloth.viewer.modes.other_side import OtherSideController
 from flatcloth.viewer.modes.review import ReviewService, diagnostics_routes
-from flatcloth.viewer.modes.session_work import Answer, SessionWork
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NO_CAMERA, command_of
-from flatcloth.viewer.protocol.picture import Overlay, Picture
-from flatcloth.viewer.protocol.sent import NoteLevel
-from flatcloth.viewer.protocol.snapshot import of_session
+from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
+from flatcloth.viewer.protocol.sent import NoteLevel, Progress
+from flatcloth.viewer.protocol.snapshot import of_session, with_ghosts
 from flatcloth.viewer.protocol.state import AutoInfo
 from flatcloth.viewer.scene.scene import Scene
+from flatcloth.viewer.worker import attempt, awaited
 
 _log = logging.getLogger(__name__)
 
 UNDRAWN = "Undo (U) takes back what was done last; Restart chooses another start view."
 """What to do if the shape of a session cannot be drawn."""
+
+
+PROGRESS_INTERVAL_S = 0.05
+"""Interval between messages of progress. Chosen."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to the request of a state, and the picture of the session after it.
+
+    ``picture`` is None if another request follows.
+    """
+
+    event: Event
+    picture: Picture | None
 
 
 class Application(PageController):
@@ -80,10 +101,10 @@ class Application(PageController):
         self._going_on = False
         self._expected: tuple[Document, float | None] | None = None
         self._joins: tuple[Document, bool] | None = None
-        self._placing = session_work.Placing(ghosts=read_ghosts(self.place))
+        self._ghosts = read_ghosts(self.place)
         self.other = OtherSideController(self, self._both, self._other_made)
-        self._work = SessionWork(self, self._answered, self._drawn, self.other.laid)
-        self._repair = repair.RepairService(self)
+        self._work = SessionWork(self)
+        self._previews = proposal.Previews(self)
         self._review = ReviewService(self)
         self._sides = SideController(self)
         self._joints = JointService(self)
@@ -146,36 +167,36 @@ class Application(PageController):
             case messages.Do():
                 self._decide(client, message)
             case messages.Preview():
-                by = session_work.meant(self._placed(), message)
-                self._repair.preview(client, message, self._state.document, by)
+                by = proposal.meant(self._placed(), message)
+                self._previews.ask(client, message, self._state.document, by)
             case messages.Move(view_index=view):
-                self._by_hand(Nudge(view, session_work.meant(self._placed(), message)))
+                self._by_hand(Nudge(view, proposal.meant(self._placed(), message)))
             case messages.TakePart(view_index=view, component=component):
-                pending = repair.meant(self._state.document, view)
-                place = repair.place_of_part(pending, self._overlay, component)
+                pending = proposal.asked_about(self._state.document, view)
+                place = proposal.place_of_part(pending, self._overlay, component)
                 self._by_hand(TakePart(view, component, place))
             case messages.LeaveOut(view_index=view, part_view=part_view, component=component):
                 self._by_hand(LeaveOut(view, part_view, component))
             case messages.PlacePiece():
                 sheet = None if self.picture is None else self.picture.sheet
                 laid = self.other.laid(self._state.document)
-                self._placing = session_work.placing_piece(
+                commands, self._ghosts = proposal.placing_piece(
                     self.integration, self._state.document, sheet, message, self.garments.last, laid
                 )
-                for command in self._placing.commands:
+                for command in commands:
                     self._by_hand(command)
-                keep_ghosts(self.place, self._placing.ghosts)
+                keep_ghosts(self.place, self._ghosts)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
-                nudge, fit = repair.fitted(self._state.document, self._placed(), message)
+                nudge, fit = proposal.fitted(self._state.document, self._placed(), message)
                 if nudge is not None:
                     self._by_hand(nudge)
                 self.tabs.tell(client, fit)
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
             case messages.SetAxis(apply=apply):
-                axis = session_work.meant_axis(self.integration.axis, message)
+                axis = proposal.meant_axis(self.integration.axis, message)
                 if apply:
                     self._adjust_axis(axis)
                 else:
@@ -212,13 +233,8 @@ class Application(PageController):
     def _decide(self, client: int, do: messages.Do) -> None:
         if do.action == "step" and self._trouble:
             raise FlatclothError(self._trouble)
-        given = {
-            "view_index": do.view_index,
-            "reason": do.reason,
-            "score": session_work.score_shown(self.picture, self._state.document),
-        }
-        before = self._state
-        command = command_of(do.action, before, {k: v for k, v in given.items() if v is not None})
+        before, score = self._state, proposal.score_shown(self.picture, self._state.document)
+        command = command_of(do.action, before, do.view_index, do.reason, score)
         self._going_on = self.settings.now.advance and isinstance(command, Accept | Reject | Skip)
         self._by_hand(command)
         if do.action == "undo":
@@ -231,13 +247,16 @@ class Application(PageController):
         return None if self.picture is None else self.picture.overlay
 
     def _placed(self) -> tuple[Pending, Overlay] | None:
-        return session_work.placed(self._state.document, self._overlay)
+        return proposal.placed(self._state.document, self._overlay)
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
-        repair.meant(document, view)
-        self._repair.refine(
-            document, lambda found: self._guarded(client, lambda: self._refined(client, document, found))
+        proposal.asked_about(document, view)
+        self.executor.compute(
+            "repair",
+            lambda: self.integration.refined_score(document),
+            lambda found: self._guarded(client, lambda: self._refined(client, document, found)),
+            "refining",
         )
 
     def _refined(self, client: int, document: Document, found: RefinedScore | str) -> None:
@@ -248,7 +267,7 @@ class Application(PageController):
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
         placed = self._placed()
         own = (0.0, 0.0) if placed is None else placed[1].own_center_uv_m
-        by, text = repair.refined_motion(pending, found, pending.current_from_new.apply(np.array(own)))
+        by, text = proposal.refined_motion(pending, found, pending.current_from_new.apply(np.array(own)))
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
         self.tell(client, "info", text)
@@ -261,13 +280,16 @@ class Application(PageController):
             self._by_hand(paint(dab))
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
-        session_work.keep_axis(axis, self.folder)
+        check_axis(axis)
+        if self._state.request is not None:
+            raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
+        self.folder.keep_axis(axis)
         self._auto = AutoInfo()
 
         # Later jobs of the lane use the new axis.
         self.executor.compute(
             "work",
-            lambda: session_work.turned_about(self.integration, axis),
+            lambda: proposal.turned_about(self.integration, axis),
             lambda text: self._turned_about(axis, text),
             "turning the axis",
         )
@@ -327,7 +349,7 @@ class Application(PageController):
         is_shown = picture is not None and picture.document is self._state.document
         is_asked = self._state.phase is Phase.DECIDING and self.settings.now.advance
         if pending is not None and is_shown and is_asked:
-            score = session_work.score_shown(picture, self._state.document)
+            score = proposal.score_shown(picture, self._state.document)
             accepted = apply(self._state, Accept(pending.view_index, score))
             if accepted.phase is Phase.READY:
                 self._work.foresee(apply(accepted, Propose()))
@@ -348,7 +370,7 @@ class Application(PageController):
                 self.other.is_wanted = True
                 self._end_auto(step.level, step.text, step.by_choice)
             case Accept(view_index=view):
-                self._do(Accept(view, session_work.score_shown(self.picture, self._state.document)))
+                self._do(Accept(view, proposal.score_shown(self.picture, self._state.document)))
             case _:
                 self._do(step)
 
@@ -381,7 +403,7 @@ class Application(PageController):
         angles_deg, document = self.integration.recording.angles_deg, self._state.document
         views = self._review.of_views(document)
         own = of_session(self._state, self.picture, angles_deg, views, self._work.progress, self._trouble)
-        pending = self._placing.shown(own["pending"], self._overlay)
+        pending = with_ghosts(own["pending"], self._overlay, self._ghosts)
         if pending is not None and self._joins is not None and self._joins[0] is document:
             pending = structs.replace(pending, joins=self._joins[1])
         return {
@@ -390,7 +412,7 @@ class Application(PageController):
             "pending": pending,
             "review": self._review.info(document),
             "auto": structs.replace(self._auto, until=auto.until_text(self.settings.now)),
-            "axis": session_work.axis_info(self.integration.axis),
+            "axis": proposal.axis_info(self.integration.axis),
             "sides": self._sides.info(),
             "garment": self._garment.info(),
             "other": self.other.info(),
@@ -398,16 +420,17 @@ class Application(PageController):
 
     # --- results of the worker ---------------------------------------------------------------
 
-    def _answered(self, answer: Answer) -> None:
-        before, event = self._state, answer.event
-        if event is None:
+    def answered_with(self, asked: SessionState, answer: Answer | str) -> None:
+        """Take the answer to what a state asks, or why there is none."""
+        if isinstance(answer, str):
             self._auto = AutoInfo()
-            self._do(Failed(answer.state.request.token if answer.state.request else 0))
-            self.tell(None, "error", answer.trouble)
+            self._do(Failed(asked.request.token if asked.request else 0))
+            self.tell(None, "error", answer)
             return
+        before, event = self._state, answer.event
         self.folder.record(event)
         # After a stroke in the meantime, this picture is outdated; a new one follows.
-        picture = self._work.answers(answer, self._state) if before is answer.state else None
+        picture = self._work.answers(answer, self._state) if before is asked else None
         try:
             if picture is not None:
                 self._take_picture(picture)
@@ -416,7 +439,8 @@ class Application(PageController):
         if isinstance(event, Followed) and not event.holds:
             self.tell(None, "warning", f"View {event.view_index} is asked again. {event.why}")
 
-    def _drawn(self, picture: Picture | str) -> None:
+    def drawn(self, picture: Picture | str) -> None:
+        """Show the present picture, or why the shape cannot be drawn."""
         if isinstance(picture, str):
             self._undrawn(picture)
         else:
@@ -446,7 +470,7 @@ class Application(PageController):
         if document is not None and document.pending is not None and document.pending.moved:
             self.executor.compute(
                 "work",
-                lambda: session_work.joins(self.integration, document),
+                lambda: proposal.joins(self.integration, document),
                 lambda found: self._found_out(document, found),
                 "trying the placement",
                 lambda: self._state.document is document,  # otherwise it was moved on, or decided
@@ -457,3 +481,144 @@ class Application(PageController):
         if isinstance(joins, bool):
             self._joins = document, joins
             self.publish()
+
+
+class SessionWork:
+    """Computes the answers and the pictures of a session, one job at a time.
+
+    Its methods run on the page's own thread; results go to ``page.answered_with`` and ``page.drawn``.
+    """
+
+    def __init__(self, page: Application) -> None:
+        self._page = page
+        # The request that is being answered, and a mark of that job: a cancelled one is no longer this.
+        self._running: tuple[Request, object] | None = None
+        self._asked: Document | None = None
+        self._reported_at_s = 0.0
+        # What will be asked for if the proposal is accepted, and its answer.
+        self._foreseen: tuple[SessionState, Future[Answer]] | None = None
+        # The last picture, even if it was never shown: revisions continue from it. Set by the worker only.
+        self._made: Picture | None = None
+        self.progress: Progress | None = None
+
+    def cancel(self) -> None:
+        """Cancel the running computation, if there is one."""
+        self._running = self.progress = None
+
+    def forget_picture(self) -> None:
+        """Draw the next picture again, even if its document is the same."""
+        self._asked = self._foreseen = None
+
+    def follow(self, state: SessionState) -> None:
+        """Start the computation that a state needs, and cancel one that it no longer needs."""
+        request, document = state.request, state.document
+        if self._running is not None and self._running[0] != request:
+            self.cancel()
+        if request is not None and self._running is None:
+            self._answer(state, request)
+        if document.start_view is None:
+            self._asked = None
+        elif self._asked is not document and not (request is not None and self._ahead_of(state)):
+            self._asked = document
+            self._page.executor.compute(
+                "work",
+                lambda: self._draw(document),
+                self._page.drawn,
+                "drawing",
+                lambda: self._asked is document,  # otherwise a decision has changed it
+            )
+
+    def foresee(self, after: SessionState) -> None:
+        """Compute the answer to a likely state while the operator looks, so that it is there then."""
+        request = after.request
+        if request is None or self._ahead_of(after) is not None:
+            return
+
+        def check(_share: float = 0.0, _text: str = "") -> None:
+            if self._ahead_of(after) is not made:
+                raise CancelledError  # the proposal was moved, or decided otherwise
+
+        def look() -> Answer:
+            check()
+            return self._computed(after, request, check)
+
+        run, made = awaited(look)
+        self._foreseen = after, made
+        self._page.executor.put("ahead", run)
+
+    def _ahead_of(self, state: SessionState) -> Future[Answer] | None:
+        """Return the answer that was computed ahead, or is being computed, to a state."""
+        ahead = self._foreseen
+        return ahead[1] if ahead is not None and ahead[0] == state else None
+
+    def answers(self, answer: Answer, after: SessionState) -> Picture | None:
+        """Return the picture of an answer if it shows the present session."""
+        self._running = self.progress = None
+        if answer.picture is None:
+            return None
+        self._asked = after.document
+        return replace(answer.picture, document=after.document)
+
+    def _answer(self, state: SessionState, request: Request) -> None:
+        """Answer the request of a state, and draw the resulting session, in one job."""
+        running = self._running = request, object()
+        self.progress = Progress(share=0.0, text="Waiting")
+
+        def note(progress: Progress) -> None:
+            if self._running is not running:
+                return
+            self.progress = progress
+            now_s = time.monotonic()
+            if now_s - self._reported_at_s >= PROGRESS_INTERVAL_S:
+                self._reported_at_s = now_s
+                self._page.tabs.tell(None, progress)
+
+        def progress(share: float, text: str) -> None:
+            if self._running is not running:
+                raise CancelledError
+            self._page.executor.on_page(lambda: note(Progress(share=share, text=text)))
+
+        def make() -> Answer:
+            progress(0.0, "Starting")
+            wait_until_compiled(progress, first=request.kind == "start" and self._is_first(state.document))
+            ahead = self._ahead_of(state)
+            while ahead is not None and not ahead.done():
+                wait([ahead], PROGRESS_INTERVAL_S)
+                progress(0.5, "placing the next view")
+            if ahead is not None and ahead.exception() is None:
+                made = ahead.result()
+            else:
+                made = self._computed(state, request, progress)
+            self._made = made.picture or self._made
+            return made
+
+        def take(made: Answer | str) -> None:
+            if isinstance(made, str):
+                _log.warning("%s", made)
+            self._page.answered_with(state, made)
+
+        self._page.executor.compute("work", make, take, "computing", lambda: self._running is running)
+
+    # --- the threads of the computations ---------------------------------------------------------
+
+    def _computed(
+        self, state: SessionState, request: Request, progress: Callable[[float, str], None]
+    ) -> Answer:
+        event = self._page.integration.answer(state.document, request, progress)
+        after = apply(state, event)
+        progress(1.0, "drawing")
+        picture = attempt(lambda: self._drawn(after.document), "drawing") if after.request is None else None
+        # What cannot be drawn is reported when it is drawn again.
+        return Answer(event, None if isinstance(picture, str) else picture)
+
+    def _draw(self, document: Document) -> Picture:
+        wait_until_compiled(first=self._is_first(document))
+        self._made = self._drawn(document)
+        return self._made
+
+    def _is_first(self, document: Document) -> bool:
+        # To find the sides of a recording without masks takes more kernels.
+        return is_of_one_view(document) and self._page.integration.views.sides is None
+
+    def _drawn(self, document: Document) -> Picture:
+        return make_picture(self._page.integration, document, self._made, self._page.other.laid(document))

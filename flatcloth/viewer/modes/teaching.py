@@ -9,20 +9,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import threading
 from collections.abc import AsyncIterator, Callable
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from typing import Any
 
+import msgspec
 import numpy as np
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from flatcloth.checking.check import CheckLesson, check_lesson
+from flatcloth.core.decoding import Finite, MisfitError, fitted
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.parcel import Parcel, record
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, Progress, RotationAxis, Uint8, finite
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, Progress, RotationAxis, Uint8
 from flatcloth.engine.garment.lesson import GarmentLesson, garment_lesson
 from flatcloth.engine.segmenting import SidesLesson
 from flatcloth.engine.sheet import outline_loops
@@ -38,7 +39,7 @@ from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Level
 from flatcloth.flattening.surface import Surface
 from flatcloth.garments.recognition import MISFIT, NONE, misfit_of
-from flatcloth.methods.answers import Alignment, ColumnCurves, SidePlan, ZAngleLine
+from flatcloth.methods.answers import ColumnCurves, SidePlan, ZAngleLine
 from flatcloth.recordings.mending import Mends
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
@@ -48,6 +49,7 @@ from flatcloth.validation.markers import KitTruth
 from flatcloth.viewer.http import RefusedError
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.picture import OtherSheet, truth_of
+from flatcloth.viewer.protocol.sent import parcel_of
 from flatcloth.viewer.worker import attempt
 
 CM2 = 1e4
@@ -57,77 +59,74 @@ _OFF_THE_SURFACE_ALPHA = 70
 _UNKNOWN_ANGLE = -128
 """Code of a pixel without an angle; angles are within 90 degrees."""
 
-
-def _picture(parcel: Parcel, name: str, rgba: Uint8) -> None:
-    parcel.picture(name, layers.png(rgba), rgba.shape[:2])
-
-
 # --- Fig. 2 ----------------------------------------------------------------------------------------
 
 
 def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis, truth: KitTruth | None = None) -> Parcel:
     """Return the drawing data of Fig. 2, with the error of each pixel if there is a truth."""
-    parcel = Parcel()
     flattening = lesson.flattening
     surface = flattening.surface
-    _picture(parcel, "image", _image(surface))
     view = flattening.view if truth is None else truth.with_errors(flattening.view)
-    parcel.values = {
+    top, left = surface.frame.offset_rc
+    valid = view.valid[..., None]
+    arrays: dict[str, Any] = {
+        "image": _image(surface),
+        "triangles": flattening.triangles,
+        "color": layers.rgba(view, "color", axis, 1),
+        "height": layers.rgba(view, "height", axis, 1),
+        "normal": _normals(view),
+        "source_rc": np.where(valid, np.rint(view.source_rc - (top, left)), -1).astype(np.int16),
+        "rgb": view.rgb,
+        "xyz_mm": np.where(valid, np.rint(1e3 * view.xyz_m), 0).astype(np.int16),
+        "normal_percent": np.where(valid, np.rint(100 * view.normal), 0).astype(np.int8),
+    }
+    if view.error_m is not None:
+        arrays |= {"truth": layers.rgba(view, "truth", axis, 1), "error_mm": 1e3 * view.error_m}
+    levels = []
+    for name, level, unused in zip(("coarse", "fine"), flattening.levels, lesson.unused_pairs, strict=False):
+        about, of_level = _level(level, unused)
+        levels.append({"name": name, **about})
+        arrays |= {f"{name}_{part}": array for part, array in of_level.items()}
+    values = {
         "view_index": lesson.view_index,
-        "surface_px": int(surface.usable.sum()),
+        "surface_px": surface.usable.sum(),
         "pixel_pitch_mm": 1e3 * surface.pixel_pitch_m,
-        "depth_mm": 1e3 * float(np.median(surface.xyz_m[..., 2][surface.usable])),
-        "levels": [
-            _level(parcel, name, level, unused)
-            for name, level, unused in zip(
-                ("coarse", "fine"), lesson.flattening.levels, lesson.unused_pairs, strict=False
-            )
-        ],
+        "depth_mm": 1e3 * np.median(surface.xyz_m[..., 2][surface.usable]),
+        "levels": levels,
         "flat": grid_of(view),
         "area_cm2": view.area_m2 * CM2,
         "parts_cm2": [c.view.area_m2 * CM2 for c in flattening.components],
         "folded_share": flattening.components[0].folded_share,
         "triangles": len(flattening.triangles),
     }
-    parcel.array("triangles", flattening.triangles, "int32")
-    _picture(parcel, "color", layers.rgba(view, "color", axis, 1))
-    _picture(parcel, "height", layers.rgba(view, "height", axis, 1))
-    _picture(parcel, "normal", _normals(view))
-    if view.error_m is not None:
-        _picture(parcel, "truth", layers.rgba(view, "truth", axis, 1))
-        parcel.array("error_mm", 1e3 * view.error_m, "float32")
-    top, left = surface.frame.offset_rc
-    valid = view.valid[..., None]
-    parcel.array("source_rc", np.where(valid, np.rint(view.source_rc - (top, left)), -1), "int16")
-    parcel.array("rgb", view.rgb, "uint8")
-    parcel.array("xyz_mm", np.where(valid, np.rint(1e3 * view.xyz_m), 0), "int16")
-    parcel.array("normal_percent", np.where(valid, np.rint(100 * view.normal), 0), "int8")
-    return parcel
+    return parcel_of(values, arrays)
 
 
-def _level(parcel: Parcel, name: str, level: Level, unused: Int32) -> dict[str, Any]:
+def _level(level: Level, unused: Int32) -> tuple[dict[str, Any], dict[str, Any]]:
     main = np.zeros(len(level.points_rc), dtype=bool)
     main[level.state_members] = True
     # Without a pair there is nothing to minimise, and no state was recorded.
     states = level.states or (level.initial_uv_m[main],)
-    parcel.array(f"{name}_points_rc", level.points_rc, "int32")
-    parcel.array(f"{name}_edges", level.edges, "int32")
-    parcel.array(f"{name}_length_mm", 1e3 * level.edge_length_m, "float32")
-    parcel.array(f"{name}_unused", unused, "int32")
-    parcel.array(f"{name}_members", level.state_members, "int32")
-    parcel.array(f"{name}_states", np.array(states), "float32")
-    return {
-        "name": name,
+    about = {
         "interval_px": level.sampling_interval_px,
         "points": len(level.points_rc),
         "pairs": len(level.edges),
         "unused": len(unused),
-        "mean_length_mm": 1e3 * float(level.edge_length_m.mean()) if len(level.edges) else None,
-        "main_points": int(main.sum()),
-        "parts": int(level.component.max()) + 1,
+        "mean_length_mm": 1e3 * level.edge_length_m.mean() if len(level.edges) else None,
+        "main_points": main.sum(),
+        "parts": level.component.max() + 1,
         "energy_mm2": [1e6 * h for h in level.energy],
         "state_iterations": list(range(len(states))),
     }
+    arrays: dict[str, Any] = {
+        "points_rc": level.points_rc,
+        "edges": level.edges,
+        "length_mm": 1e3 * level.edge_length_m,
+        "unused": unused,
+        "members": level.state_members,
+        "states": np.array(states),
+    }
+    return about, arrays
 
 
 def _image(surface: Surface) -> Uint8:
@@ -147,17 +146,15 @@ def _normals(view: FlattenedView) -> Uint8:
 
 def start_parcel(lesson: StartLesson, axis: RotationAxis, session_view: int | None) -> Parcel:
     """Return the drawing data of the choice of the start view; ``session_view`` is that of the session."""
-    parcel = Parcel()
-    _picture(parcel, "image", _image(lesson.flattening.surface))
-    _picture(parcel, "color", layers.rgba(lesson.flattening.view, "color", axis, 1))
-    parcel.array("area_cm2", CM2 * lesson.areas_m2, "float32")
-    parcel.values = {
+    view = lesson.flattening.view
+    values = {
         "view_index": lesson.view_index,
         "session_view": session_view,
-        "flat": grid_of(lesson.flattening.view),
+        "flat": grid_of(view),
         "tried": [{"view": view, "part_cm2": CM2 * area_m2} for view, area_m2 in lesson.tried],
     }
-    return parcel
+    image, color = _image(lesson.flattening.surface), layers.rgba(view, "color", axis, 1)
+    return parcel_of(values, {"image": image, "color": color, "area_cm2": CM2 * lesson.areas_m2})
 
 
 # --- Fig. 4 ----------------------------------------------------------------------------------------
@@ -165,173 +162,163 @@ def start_parcel(lesson: StartLesson, axis: RotationAxis, session_view: int | No
 
 def planning_parcel(lesson: PlanningLesson, axis: RotationAxis) -> Parcel:
     """Return the drawing data of Fig. 4a."""
-    parcel = Parcel()
     view, plan = lesson.view, lesson.plan
     angle = np.where(view.valid, np.nan_to_num(np.rint(view.z_angle_deg)).clip(-127, 127), _UNKNOWN_ANGLE)
-    parcel.array("z_angle_deg", angle, "int8")
-    _picture(parcel, "color", layers.rgba(view, "color", axis, 1))
-    _curves(parcel, "current", plan.sides[0].curves)
-    for edge, uv_m in lesson.edges_uv_m.items():
-        parcel.array(f"edge_{edge.value}", uv_m, "float32")
-    parcel.values = {
+    values = {
         "view_index": lesson.view_index,
         "flat": grid_of(view),
         "z_angle_span_deg": layers.Z_ANGLE_SPAN_DEG,
-        "z_angle_colors": MAPS["diverging"].table()[::4].tolist(),
+        "z_angle_colors": MAPS["diverging"].table()[::4],
         "next_view": plan.view_index,
-        "side": None if plan.side is None else plan.side.value,
-        "rotation_deg": finite(plan.rotation_deg),
+        "side": plan.side,
+        "rotation_deg": plan.rotation_deg,
         "reason": plan.reason,
         "sides": [_side(s) for s in plan.sides],
     }
-    return parcel
+    arrays: dict[str, Any] = {
+        "z_angle_deg": angle.astype(np.int8),
+        "color": layers.rgba(view, "color", axis, 1),
+        **_curves("current", plan.sides[0].curves),
+        **{f"edge_{edge.value}": uv_m for edge, uv_m in lesson.edges_uv_m.items()},
+    }
+    return parcel_of(values, arrays)
 
 
 def _side(side: SidePlan) -> dict[str, Any]:
     return {
-        "side": side.side.value,
+        "side": side.side,
         "occluding_edge_mm": 1e3 * side.occluding_edge_m,
-        "u_b_mm": finite(1e3 * side.u_b_m),
-        "a_0_deg": finite(side.a_0_deg),
-        "rotation_deg": finite(side.rotation_deg),
+        "u_b_mm": 1e3 * side.u_b_m,
+        "a_0_deg": side.a_0_deg,
+        "rotation_deg": side.rotation_deg,
         "view_index": side.view_index,
         "reason": side.reason,
     }
 
 
-def _curves(parcel: Parcel, name: str, curves: ColumnCurves) -> None:
-    parcel.array(f"{name}_u_mm", 1e3 * curves.u_m, "float32")
-    parcel.array(f"{name}_h", curves.column_count, "int32")
-    parcel.array(f"{name}_a_z_deg", curves.column_mean_z_angle_deg, "float32")
+def _curves(name: str, curves: ColumnCurves) -> dict[str, Any]:
+    return {
+        f"{name}_u_mm": 1e3 * curves.u_m,
+        f"{name}_h": curves.column_count,
+        f"{name}_a_z_deg": curves.column_mean_z_angle_deg,
+    }
 
 
 def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
     """Return the drawing data of the rest of Fig. 4."""
-    parcel = Parcel()
     alignment = lesson.proposal.alignment
-    _picture(parcel, "image", _image(lesson.flattening.surface))
-    for name, view in (("current", lesson.current), ("new", lesson.new), ("renewed", lesson.renewed.view)):
-        _picture(parcel, f"{name}_color", layers.rgba(view, "color", axis, 1))
-    parcel.array("origin", lesson.origin, "uint8")
-    search, first = lesson.search, alignment.initial_score
-    parcel.array("cost", search.cost, "float32")
-    parcel.array("starts", search.starts * (180 / np.pi, 1e3, 1e3), "float32")
-    parcel.array("path", search.path * (180 / np.pi, 1e3, 1e3), "float32")
-    side = lesson.proposal.side
-    parcel.values = {
+    views = {"current": lesson.current, "new": lesson.new, "renewed": lesson.renewed.view}
+    search, first, found = lesson.search, alignment.initial_score, alignment.correspondence
+    values = {
         "view_index": lesson.view_index,
         "planned_view": lesson.planned_view,
         "placed_with": lesson.placed_with,
-        "side": None if side is None else side.value,
-        "current": grid_of(lesson.current),
-        "new": grid_of(lesson.new),
-        "renewed": grid_of(lesson.renewed.view),
-        "current_cm2": lesson.current.area_m2 * CM2,
-        "new_cm2": lesson.new.area_m2 * CM2,
-        "renewed_cm2": lesson.renewed.view.area_m2 * CM2,
+        "side": lesson.proposal.side,
+        **{name: grid_of(view) for name, view in views.items()},
+        **{f"{name}_cm2": CM2 * view.area_m2 for name, view in views.items()},
         "initial": astuple(alignment.initial),
         "found": astuple(alignment.current_from_new),
         "initial_score": None if first is None else first.total,
         "score": alignment.score.total,
-        "score_parts": {k: finite(float(v)) for k, v in alignment.score.parts.items()},
+        "score_parts": alignment.score.parts,
         "search": {
-            "turns_deg": np.degrees(search.turns_rad).tolist(),
-            "shifts_mm": (1e3 * search.shifts_m).tolist(),
+            "turns_deg": np.degrees(search.turns_rad),
+            "shifts_mm": 1e3 * search.shifts_m,
             "motions": [astuple(m) for m in search.motions],
             "tried": search.tried,
             "end_score": search.end_score,
             "start_stands": alignment.current_from_new == alignment.initial,
         },
-        **_correspondence(parcel, alignment),
-    }
-    return parcel
-
-
-def _correspondence(parcel: Parcel, alignment: Alignment) -> dict[str, Any]:
-    found = alignment.correspondence
-    if found is None:
-        return {"lines": None}
-    _curves(parcel, "current", found.current_curves)
-    _curves(parcel, "new", found.new_curves)
-    return {
-        "lines": {
+        "lines": None
+        if found is None
+        else {
             "rotation_deg": found.rotation_deg,
-            "common_range_deg": list(found.common_range_deg),
+            "common_range_deg": found.common_range_deg,
             "a_m_deg": found.a_m_deg,
             "height_mm": 1e3 * found.height_m,
-            "current": _line(parcel, "current", found.current),
-            "new": _line(parcel, "new", found.new),
-        }
+            "current": _line(found.current),
+            "new": _line(found.new),
+        },
     }
-
-
-def _line(parcel: Parcel, name: str, line: ZAngleLine) -> dict[str, Any]:
-    parcel.array(f"{name}_pixels_uv", line.pixels_uv_m, "float32")
-    return {
-        "z_angle_deg": line.z_angle_deg,
-        "center_uv_m": line.center_uv_m.tolist(),
-        "direction": line.direction.tolist(),
-        "point_uv_m": line.point_uv_m.tolist(),
+    arrays: dict[str, Any] = {
+        "image": _image(lesson.flattening.surface),
+        **{f"{name}_color": layers.rgba(view, "color", axis, 1) for name, view in views.items()},
+        "origin": lesson.origin,
+        "cost": search.cost,
+        "starts": search.starts * (180 / np.pi, 1e3, 1e3),
+        "path": search.path * (180 / np.pi, 1e3, 1e3),
     }
+    if found is not None:
+        for name, curves, line in (
+            ("current", found.current_curves, found.current),
+            ("new", found.new_curves, found.new),
+        ):
+            arrays |= {**_curves(name, curves), f"{name}_pixels_uv": line.pixels_uv_m}
+    return parcel_of(values, arrays)
 
 
-# --- the side of interest --------------------------------------------------------------------------
+def _line(line: ZAngleLine) -> dict[str, Any]:
+    names = ("z_angle_deg", "center_uv_m", "direction", "point_uv_m")
+    return {name: getattr(line, name) for name in names}
+
+
+# --- the check of the recording, and the side of interest --------------------------------------------
 
 
 def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
     """Return the drawing data of a check: ``picture`` (H, W, 3) shows two views laid on each other."""
-    parcel = Parcel()
-    opaque = np.full((*picture.shape[:2], 1), 255, np.uint8)
-    _picture(parcel, "laid", np.concatenate([picture, opaque], axis=2))
-    parcel.array("turn_deg", lesson.turn_deg, "float32")
-    parcel.array("share", lesson.share, "float32")
-    parcel.values = {
-        "view_index": lesson.pair.first,
-        "other_view": lesson.pair.second,
-        "recorded_deg": lesson.pair.recorded_deg,
-        "seen_deg": lesson.pair.turns[0].seen_deg,
-        "std_deg": lesson.pair.turns[0].std_deg,
+    pair = lesson.pair
+    values = {
+        "view_index": pair.first,
+        "other_view": pair.second,
+        "recorded_deg": pair.recorded_deg,
+        "seen_deg": pair.turns[0].seen_deg,
+        "std_deg": pair.turns[0].std_deg,
     }
-    return parcel
+    laid = _faded(picture, np.ones(picture.shape[:2], dtype=bool))
+    return parcel_of(values, {"laid": laid, "turn_deg": lesson.turn_deg, "share": lesson.share})
 
 
 def sides_parcel(lesson: SidesLesson) -> Parcel:
     """Return the drawing data of the side of interest."""
-    parcel, found, section = Parcel(), lesson.found, lesson.section
-    observed, frame = found.observed, lesson.frame
+    found, section, frame = lesson.found, lesson.section, lesson.frame
+    observed = found.observed
     view = observed.views[frame.view_index]
     item = view.whole(view.item)
-    _picture(parcel, "image", _faded(frame.color, item))
-    parcel.array("section_mm", 1e3 * section.place_m, "float32")
-    parcel.array("section_normal", section.normal, "float32")
-    parcel.array("section_side", found.side[section.cluster], "int8")
-    parcel.array("alike", section.alike, "int32")
-    parcel.array("opposite", section.opposite, "int32")
-    parcel.array("section_rc", np.argwhere(np.isin(view.cluster, section.cluster) & view.surface), "int16")
     cut: dict[str, float] = {}
     for piece in found.cut_off:
         if piece.view_index == frame.view_index:
             cut[piece.kind] = cut.get(piece.kind, 0.0) + CM2 * piece.area_m2
     labels = found.view(frame.view_index)
     assert labels is not None
-    parcel.array("first_side", labels.side, "int8")
-    parcel.array("first_percent", np.rint(100 * labels.certainty), "uint8")
-    graph, (rows, cols) = observed.graph, labels.side.shape
-    parcel.values = {
+    weight, (rows, cols) = observed.graph.weight, labels.side.shape
+    values = {
         "view_index": frame.view_index,
-        "item_px": int(item.sum()),
+        "item_px": item.sum(),
         "cut_off_cm2": cut,
         "n_views": len(observed.views),
         "clusters": observed.clusters.count,
-        "n_alike": int((graph.weight > 0).sum()),
-        "n_opposite": int((graph.weight < 0).sum()),
+        "n_alike": (weight > 0).sum(),
+        "n_opposite": (weight < 0).sum(),
         "samples": observed.config.samples,
         "certainty": found.mean_certainty,
         "found_cm2": CM2 * found.area_of_interest_m2,
         "undecided_cm2": CM2 * found.area_undecided_m2,
-        "first": {"rows": rows, "cols": cols, "offset_rc": list(labels.offset_rc)},
+        "first": {"rows": rows, "cols": cols, "offset_rc": labels.offset_rc},
     }
-    return parcel
+    at_section = np.isin(view.cluster, section.cluster) & view.surface
+    arrays: dict[str, Any] = {
+        "image": _faded(frame.color, item),
+        "section_mm": 1e3 * section.place_m,
+        "section_normal": section.normal,
+        "section_side": found.side[section.cluster],
+        "alike": section.alike,
+        "opposite": section.opposite,
+        "section_rc": np.argwhere(at_section).astype(np.int16),
+        "first_side": labels.side,
+        "first_percent": np.rint(100 * labels.certainty).astype(np.uint8),
+    }
+    return parcel_of(values, arrays)
 
 
 # --- the garment -----------------------------------------------------------------------------------
@@ -339,33 +326,35 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
 
 def garment_parcel(lesson: GarmentLesson, axis: RotationAxis) -> Parcel:
     """Return the drawing data of the recognition of the garment."""
-    parcel, evidence, view = Parcel(), lesson.evidence, lesson.view
+    evidence, view, best = lesson.evidence, lesson.view, lesson.fits[0]
+    arrays: dict[str, Any] = {
+        "edge_uv": evidence.edge_uv_m,
+        "edge_normal": evidence.edge_normal,
+        "edge_trust": evidence.edge_trust,
+        "unseen_uv": evidence.unseen_uv_m,
+        "inside_uv": evidence.inside_uv_m,
+        "states": lesson.states,
+        **{
+            f"outline_{fit.kind.name}": fit.garment_from_piece[0].inverse().apply(fit.outline)
+            for fit in lesson.fits
+        },
+    }
     if view is not None:
-        _picture(parcel, "shape", layers.rgba(view, "color", axis, 1))
-    parcel.array("edge_uv", evidence.edge_uv_m, "float32")
-    parcel.array("edge_normal", evidence.edge_normal, "float32")
-    parcel.array("edge_trust", evidence.edge_trust, "float32")
-    parcel.array("unseen_uv", evidence.unseen_uv_m, "float32")
-    parcel.array("inside_uv", evidence.inside_uv_m, "float32")
-    parcel.array("states", lesson.states, "float32")
-    for fit in lesson.fits:
-        outline = fit.garment_from_piece[0].inverse().apply(fit.outline)
-        parcel.array(f"outline_{fit.kind.name}", outline, "float32")
-    best = lesson.fits[0].log_evidence
-    parcel.values = {
+        arrays["shape"] = layers.rgba(view, "color", axis, 1)
+    values = {
         "flat": None if view is None else grid_of(view),
         "area_cm2": CM2 * evidence.area_m2,
         "edges_m": SPACING_M * len(evidence.edge_uv_m),
         "unseen_m": SPACING_M * len(evidence.unseen_uv_m),
-        "trust": float(evidence.edge_trust.mean()) if len(evidence.edge_trust) else None,
-        "state_shape": list(lesson.states.shape),
-        "energy": lesson.energy.tolist(),
-        "widened": lesson.widened.tolist(),
+        "trust": evidence.edge_trust.mean() if len(evidence.edge_trust) else None,
+        "state_shape": lesson.states.shape,
+        "energy": lesson.energy,
+        "widened": lesson.widened,
         "temperature": lesson.temperature,
         "kinds": [
             {
                 "name": fit.kind.name,
-                "below": finite(fit.log_evidence - best),
+                "below": fit.log_evidence - best.log_evidence,
                 "energy": fit.energy,
                 "parameters": len(fit.kind.parameters),
                 "probability": lesson.probabilities[fit.kind.name],
@@ -373,10 +362,10 @@ def garment_parcel(lesson: GarmentLesson, axis: RotationAxis) -> Parcel:
             for fit in lesson.fits
         ],
         "none": lesson.probabilities[NONE],
-        "misfit": misfit_of(lesson.fits[0], evidence),
+        "misfit": misfit_of(best, evidence),
         "misfit_limit": MISFIT,
     }
-    return parcel
+    return parcel_of(values, arrays)
 
 
 # --- both sides ------------------------------------------------------------------------------------
@@ -392,34 +381,31 @@ def seams_parcel(other: OtherSheet | None) -> Parcel:
     """
     if other is None:
         raise FlatclothError("The other side is being computed; this stage is drawn when it is known.")
-    sides, this, its_sheet = other.sides, other.this, other.sheet
-    parcel, seams = Parcel(), sides.seams
-    for name, sheet in (("this", this), ("other", its_sheet)):
-        for n, loop in enumerate(outline_loops(sheet.canonical.view)):
-            parcel.array(f"{name}_loop_{n}", loop if name == "this" else loop * MIRROR, "float32")
+    this, its_sheet, seams = other.this, other.sheet, other.sides.seams
     none = [np.zeros((0, 2))]
     own = [this.places(seam.this_uv_m)[1] for seam in seams]
     its = [its_sheet.places(seam.other_uv_m)[1] for seam in seams]
-    parcel.array("this_uv", np.concatenate([*none, *own]), "float32")
-    parcel.array("mirrored_uv", np.concatenate([*none, *its]) * MIRROR, "float32")
+    arrays: dict[str, Any] = {
+        "this_uv": np.concatenate([*none, *own]),
+        "mirrored_uv": np.concatenate([*none, *its]) * MIRROR,
+    }
+    for name, sheet, mirror in (("this", this, np.ones(2)), ("other", its_sheet, MIRROR)):
+        for n, loop in enumerate(outline_loops(sheet.canonical.view)):
+            arrays[f"{name}_loop_{n}"] = loop * mirror
     starts = np.cumsum([0, *(len(seam.xyz_m) for seam in seams)])
     joining = [seam.residual_m for seam in seams if not seam.why]
-    parcel.values = {
+    values = {
         "this_cm2": CM2 * this.shape_m2,
         "other_cm2": CM2 * its_sheet.shape_m2,
         "this_floating": len(this.pieces),
         "other_floating": len(its_sheet.pieces),
-        "residual_mm": 1e3 * float(np.median(np.concatenate(joining))) if joining else None,
+        "residual_mm": 1e3 * np.median(np.concatenate(joining)) if joining else None,
         "seams": [
-            {
-                "start": int(start),
-                "places": len(seam.xyz_m),
-                "why": seam.why,
-            }
+            {"start": start, "places": len(seam.xyz_m), "why": seam.why}
             for start, seam in zip(starts, seams, strict=False)
         ],
     }
-    return parcel
+    return parcel_of(values, arrays)
 
 
 def _faded(color: Uint8, item: Bool) -> Uint8:
@@ -444,6 +430,28 @@ Tell = Callable[[bytes, bool], None]
 """Called from any thread with a record, and whether it is the last one."""
 
 
+class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The query of an address; without a parameter, that of the session is taken.
+
+    ``revision`` is that of the garment or of the other side: the page asks again when it has changed.
+    """
+
+    start_view: int | None = None
+    sampling_interval_px: int | None = None
+    z_angle_limit_deg: Finite | None = None
+    overlap_cm2: Finite | None = None
+    revision: int | None = None
+
+    def parameters(self, defaults: Parameters) -> Parameters:
+        """Return the parameters that are meant."""
+        given: dict[str, Any] = {
+            "sampling_interval_px": self.sampling_interval_px,
+            "z_angle_limit_deg": self.z_angle_limit_deg,
+            "overlap_area_m2": None if self.overlap_cm2 is None else self.overlap_cm2 / CM2,
+        }
+        return replace(defaults, **{name: value for name, value in given.items() if value is not None})
+
+
 class TeachingRoutes:
     """Answers the requests of the teaching mode of a page; computes one lesson at a time."""
 
@@ -456,14 +464,32 @@ class TeachingRoutes:
         part = request.path_params["part"]
         if part not in PARTS:
             raise RefusedError(f"Unknown part {part!r:.40}; choose one of {', '.join(PARTS)}.", 404)
-        asked = _asked(dict(request.query_params), len(self._page.integration.recording))
+        asked = self._asked(dict(request.query_params))
         return StreamingResponse(
             self._records(part, asked),
             media_type="application/octet-stream",
             headers={"Cache-Control": "no-store"},
         )
 
-    async def _records(self, part: str, asked: dict[str, Any]) -> AsyncIterator[bytes]:
+    def _asked(self, query: dict[str, str]) -> Asked:
+        """Read the parameters of an address.
+
+        Raises
+        ------
+        RefusedError
+            If a parameter is unknown or not a valid number.
+        """
+        try:
+            asked = fitted(query, Asked, strict=False)
+        except MisfitError as error:
+            raise RefusedError(f"{error}.", 400) from error
+        n_views = len(self._page.integration.recording)
+        if asked.start_view is not None and not 0 <= asked.start_view < n_views:
+            reason = f"the recording has {n_views} views, none numbered {asked.start_view}."
+            raise RefusedError(f"start_view: {reason}", 400)
+        return asked
+
+    async def _records(self, part: str, asked: Asked) -> AsyncIterator[bytes]:
         """Yield records as they are made, until the last one or until the client leaves."""
         loop, records = asyncio.get_running_loop(), asyncio.Queue[tuple[bytes, bool]]()
         cancelled = threading.Event()
@@ -481,7 +507,7 @@ class TeachingRoutes:
         finally:
             cancelled.set()
 
-    def _compute(self, part: str, asked: dict[str, Any], tell: Tell, cancelled: threading.Event) -> None:
+    def _compute(self, part: str, asked: Asked, tell: Tell, cancelled: threading.Event) -> None:
         def progress(share: float, text: str) -> None:
             if cancelled.is_set():
                 raise CancelledError
@@ -498,14 +524,14 @@ class TeachingRoutes:
 
         self._page.executor.put("teaching", job)
 
-    def _lesson(self, part: str, asked: dict[str, Any], progress: Progress) -> bytes:
+    def _lesson(self, part: str, asked: Asked, progress: Progress) -> bytes:
         if self._teaching is None or self._teaching.views != len(self._page.integration.recording):
             self._teaching = Teaching(self._page.integration)  # of an active loop, the recording grows
         teaching, defaults = self._teaching, _plain(self._teaching.defaults)
-        start = asked["start_view"]
+        start = asked.start_view
         if start is None and part not in _OF_ALL_VIEWS:
             start = teaching.start_view(progress)
-        parameters = _parameters({**defaults, **{k: v for k, v in asked.items() if k in defaults}})
+        parameters = asked.parameters(teaching.defaults)
         axis, recording = self._page.integration.axis, self._page.integration.recording
         view = 0 if start is None else start
         match part:
@@ -558,44 +584,3 @@ def _plain(parameters: Parameters) -> dict[str, float]:
         "z_angle_limit_deg": parameters.z_angle_limit_deg,
         "overlap_cm2": round(parameters.overlap_area_m2 * CM2, 6),
     }
-
-
-def _parameters(values: dict[str, float]) -> Parameters:
-    return Parameters(
-        sampling_interval_px=int(values["sampling_interval_px"]),
-        z_angle_limit_deg=values["z_angle_limit_deg"],
-        overlap_area_m2=values["overlap_cm2"] / CM2,
-    )
-
-
-def _asked(given: dict[str, str], n_views: int) -> dict[str, Any]:
-    """Read the parameters of an address.
-
-    Raises
-    ------
-    RefusedError
-        If a parameter is unknown or not a valid number.
-    """
-    known: dict[str, Callable[[str], float]] = {
-        "start_view": int,
-        "sampling_interval_px": int,
-        "z_angle_limit_deg": float,
-        "overlap_cm2": float,
-        "revision": int,  # of garment or other side: the page asks again when it has changed
-    }
-    asked: dict[str, Any] = {"start_view": None}
-    for name, text in given.items():
-        if name not in known:
-            raise RefusedError(f"Unknown parameter {name!r:.40}; choose one of {', '.join(known)}.", 400)
-        try:
-            value = known[name](text)
-            is_valid = math.isfinite(value)
-        except (ValueError, OverflowError):
-            is_valid = False
-        if not is_valid:
-            raise RefusedError(f"{name}: {text!r:.40} is not a valid number.", 400)
-        asked[name] = value
-    start = asked["start_view"]
-    if start is not None and not 0 <= start < n_views:
-        raise RefusedError(f"start_view: the recording has {n_views} views, none numbered {start}.", 400)
-    return asked

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from msgspec import structs
 
 from flatcloth.session.machine import (
@@ -23,7 +20,7 @@ from flatcloth.session.machine import (
     Undo,
     why_illegal,
 )
-from flatcloth.viewer.protocol.sent import Sent
+from flatcloth.viewer.protocol.sent import Sent, table
 
 REJECT_REASONS = ("too small", "wrong place", "bad depth", "wrong side", "other")
 """Reasons in the reject menu."""
@@ -34,7 +31,7 @@ ONLY_A_CAMERA = "The page shows a camera, where nothing is decided; open a recor
 NO_CAMERA = "There is no camera; start with view --camera to capture with one."
 
 
-class Action(Sent, frozen=True, kw_only=False):
+class Action(Sent, frozen=True):
     """An action of the operator; ``why_not`` is the reason if it is not allowed now.
 
     ``keys`` are values of the browser's ``KeyboardEvent.key`` (letters match either case); the first
@@ -54,10 +51,6 @@ class Action(Sent, frozen=True, kw_only=False):
     mode: str = ""
     why_not: str | None = None
 
-    def __post_init__(self) -> None:
-        """Set the mode of the group."""
-        structs.force_setattr(self, "mode", _MODES.get(self.group, ""))
-
 
 _MODES = {
     "session": "session",
@@ -68,346 +61,177 @@ _MODES = {
     "capture": "capture",
     "teaching": "teaching",
 }
+_TABLE = {
+    "session": """
+step | Step | s | Choose the next view, flatten it and propose its placement.
+accept | Accept | a | Make the proposed view part of the shape.
+reject | Reject | r | Reject the proposed view (reason: wrong place).
+reject_menu | Reject with reason | e | Reject the proposed view with a reason.
+skip | Skip | k | Postpone the proposed view until the shape has grown or the others are done.
+undo | Undo | u Ctrl+z | Undo the last decision.
+redo | Redo | y Ctrl+y | Redo the decision that was undone.
+auto | Auto | g | Accept proposals by their score; waits for you where one is unsure. Again: stop.
+cancel | Cancel | Escape | Cancel the running computation.
+restart | Restart | n | Start again from the largest view; this can be undone.
+""",
+    "timeline": """
+reopen | Reopen | Ctrl+e | Decide again about the view chosen on the timeline; views accepted later
+    follow.
+play_views | Play | Space | Turn the item once through all views, each with its image; again: stop.
+next_undecided | Next undecided | j | Go to the next view on the timeline without a decision.
+lowest_score | Lowest score | q | Go to a flagged view first, else to the accepted one with the lowest
+    score.
+review | List | Shift+r | Show or hide the list of all views: sort, filter, turn the item to one, decide
+    again.
+result | Result | Shift+e | Show or hide the result: areas, uncertainty, cloth left out, data to export.
+joints | Why joined | Shift+y | Show what holds the parts of the shape: views, pairs, residuals; cut or
+    keep. Click cloth to ask.
+""",
+    "proposal": """
+left | Move left | ArrowLeft | Move the proposal; Shift for ten times as far.
+right | Move right | ArrowRight | Move the proposal; Shift for ten times as far.
+up | Move up | ArrowUp | Move the proposal; Shift for ten times as far.
+down | Move down | ArrowDown | Move the proposal; Shift for ten times as far.
+turn_left | Turn left | [ { | Turn the proposal counter-clockwise; Shift for ten times as far.
+turn_right | Turn right | ] } | Turn the proposal clockwise; Shift: tenfold.
+pairs | Pairs | p | Pick pairs of points on the proposal and on the shape; again: stop.
+fit_pairs | Fit pairs | Ctrl+Enter | Move the proposal so that the pairs fit.
+refine | Refine from here | Ctrl+i | Let the method refine the present placement.
+overlay | Both | o | Show the proposal on the shape; again: the shape alone.
+compare_shape | A: shape | , | Show the shape alone; again: both.
+compare_proposal | B: proposal | . | Show the proposal alone; again: both.
+compare_wipe | Wipe | w | Show shape and proposal on the two sides of a divider; again: both.
+blink | Blink | b | Blink the proposal against the shape; again: stop.
+compare_difference | Difference | d | Map the difference in color; again: in height, in 3D position.
+diagnostics | Diagnostics | i | Show the diagnostics of the proposal: pairs of cloth, or the paper's
+    lines.
+""",
+    "capture": """
+capture_pause | Pause | Space | Capture: hold the picture, or go on.
+capture_turned | It is there | i | Capture: the item is at the requested angle.
+capture_keep | Keep | m | Capture: keep the view that was taken.
+capture_repeat | Repeat | j | Capture: take the view again.
+""",
+    "view": """
+layer_color | Color | 1 | Show the color of the cloth.
+layer_height | Height z | 2 | Show the height along the turning axis.
+layer_z_angle | Z-angle | 3 | Show the Z-angle of each pixel in its view.
+layer_source | Source | 4 | Show the source view of each pixel.
+layer_stretch | Stretch | 5 | Show the change of lengths by flattening.
+layer_incidence | Incidence | 6 | Show the incidence angle of each pixel.
+layer_density | Density | 7 | Show the density of the measurement.
+layer_place | Uncertainty | 8 | Show the placement uncertainty of each pixel.
+layer_truth | Error | * | Show the error of each pixel by the recorded kit.
+fit | Fit | f | Fit the whole flattened view into its pane.
+zoom_in | Zoom in | + = | Zoom in.
+zoom_out | Zoom out | - | Zoom out.
+look | Look | Shift+l | Layers as a list, rotate, flip, ruler, colours; display only, data unchanged.
+turn_left_seen | Turn view ↺ | 9 | Rotate the display of the flattened view counter-clockwise.
+turn_right_seen | Turn view ↻ | 0 | Rotate the display of the flattened view clockwise.
+flip | Flip | Shift+f | Mirror the display of the flattened view.
+source_image | Source image | Shift+i | Show or hide the source image with its mask, and the views of the
+    pick.
+garment | Garment | Shift+g | Show or hide the garment's outline and its named points.
+upright | Upright | Shift+t | Turn the display so that the garment is upright; again: back.
+source_large | Large | Shift+z | Show the source image large, or small again; the wheel zooms into it.
+source_mask | Mask | Shift+m | Show or hide the mask on the source image.
+source_states | Left out | Shift+d | Show on the source image which pixels are not in the shape, and why.
+ruler | Ruler | z | Measure by dragging: flat, along the cloth, through the air; Esc clears.
+pointer | Pointer | Shift+p | Move the pointer with arrows (Shift: tenfold); Enter clicks, Space drags,
+    Esc ends.
+pane | Next pane | Shift+v | In a narrow window: show the next pane (flattened view, 3D, details).
+column | Next part | Shift+x | Show the next part of the right column.
+readout | Values | Shift+b | Fold or unfold the values under the pointer.
+follow | Follow | v | Keep the 3D camera at the real camera's position.
+""",
+    "sides": """
+brush_this | This side | Shift+s | Paint cloth of the side of interest: on the source image, the shape or
+    the 3D scene; again: stop.
+brush_other | Not this side | Shift+n | Paint cloth that is not of interest; again: stop.
+cut | Cut | Shift+c | Draw a line across the shape, then click beyond it: cloth there is not of interest;
+    again: stop.
+brush_smaller | Smaller brush | < | Make the brush smaller.
+brush_larger | Larger brush | > | Make the brush larger.
+where_to_stroke | Where to stroke next | Shift+w | Go to the view and the place where a stroke settles
+    most; again: the next undecided place.
+where_before | Place before | ; | Go back to the undecided place before this one.
+turn_over | Turn over | m | Turn the flattened garment over, computing its other side if need be; again:
+    back.
+beside | Side by side | Shift+j | Show both sides of the garment side by side; again: one.
+seams | Seams | Shift+q | Show or hide the seams that join both sides: what speaks for each, cut or keep.
+show_sides | Sides | Shift+o | Show or hide which side the cloth is.
+show_certainty | Certainty | Shift+u | Show where the side is uncertain.
+""",
+    "joint": """
+joint_next | Next place | . | Show the next place where the part may lie.
+joint_decide | Decide | a | Decide that the part lies where it is shown.
+""",
+    "page": """
+teach | Teach | h | Go through the method step by step, without decisions; again: leave.
+home | Open | Shift+h | Go to the start screen: open another recording, session or camera.
+keep_pick | Keep pick | Enter | Keep the pick: else it goes with the next.
+copy | Copy pick | c | Copy the numbers of the current pick.
+export | Export | x | Export the session: page, report, figures, animation.
+settings | Settings | Ctrl+, | Settings, each with its reset; also how far Auto runs.
+palette | Commands | Ctrl+k | Find a command by a few letters of its name.
+log | Messages | l | Show all messages.
+theme | Theme | t | Switch between light and dark.
+help | Keys | ? | Show the keys.
+""",
+    "teaching": """
+teach_next | Next | PageDown | Teaching: the next stage; → does it too.
+teach_back | Back | PageUp | Teaching: the previous stage; ← does it too.
+teach_play | Play stage | k | Teaching: play or pause the animation.
+""",
+}
+"""A row an action: its name, title, keys and description; an indented line goes on with the one before."""
 
 
-ACTIONS: tuple[Action, ...] = (
-    Action("step", "Step", ("s",), "Choose the next view, flatten it and propose its placement.", "session"),
-    Action("accept", "Accept", ("a",), "Make the proposed view part of the shape.", "session"),
-    Action("reject", "Reject", ("r",), f"Reject the proposed view (reason: {DEFAULT_REASON}).", "session"),
-    Action("reject_menu", "Reject with reason", ("e",), "Reject the proposed view with a reason.", "session"),
+ACTIONS = tuple(
     Action(
-        "skip",
-        "Skip",
-        ("k",),
-        "Postpone the proposed view until the shape has grown or the others are done.",
-        "session",
-    ),
-    Action("undo", "Undo", ("u", "Ctrl+z"), "Undo the last decision.", "session"),
-    Action("redo", "Redo", ("y", "Ctrl+y"), "Redo the decision that was undone.", "session"),
-    Action(
-        "auto",
-        "Auto",
-        ("g",),
-        "Accept proposals by their score; waits for you where one is unsure. Again: stop.",
-        "session",
-    ),
-    Action("cancel", "Cancel", ("Escape",), "Cancel the running computation.", "session"),
-    Action("restart", "Restart", ("n",), "Start again from the largest view; this can be undone.", "session"),
-    Action(
-        "reopen",
-        "Reopen",
-        ("Ctrl+e",),
-        "Decide again about the view chosen on the timeline; views accepted later follow.",
-        "timeline",
-    ),
-    Action(
-        "play_views",
-        "Play",
-        ("Space",),
-        "Turn the item once through all views, each with its image; again: stop.",
-        "timeline",
-    ),
-    Action(
-        "next_undecided",
-        "Next undecided",
-        ("j",),
-        "Go to the next view on the timeline without a decision.",
-        "timeline",
-    ),
-    Action(
-        "lowest_score",
-        "Lowest score",
-        ("q",),
-        "Go to a flagged view first, else to the accepted one with the lowest score.",
-        "timeline",
-    ),
-    Action(
-        "review",
-        "List",
-        ("Shift+r",),
-        "Show or hide the list of all views: sort, filter, turn the item to one, decide again.",
-        "timeline",
-    ),
-    Action(
-        "result",
-        "Result",
-        ("Shift+e",),
-        "Show or hide the result: areas, uncertainty, cloth left out, data to export.",
-        "timeline",
-    ),
-    Action("left", "Move left", ("ArrowLeft",), "Move the proposal; Shift for ten times as far.", "proposal"),
-    Action(
-        "right", "Move right", ("ArrowRight",), "Move the proposal; Shift for ten times as far.", "proposal"
-    ),
-    Action("up", "Move up", ("ArrowUp",), "Move the proposal; Shift for ten times as far.", "proposal"),
-    Action("down", "Move down", ("ArrowDown",), "Move the proposal; Shift for ten times as far.", "proposal"),
-    Action(
-        "turn_left",
-        "Turn left",
-        ("[", "{"),
-        "Turn the proposal counter-clockwise; Shift for ten times as far.",
-        "proposal",
-    ),
-    Action(
-        "turn_right", "Turn right", ("]", "}"), "Turn the proposal clockwise; Shift: tenfold.", "proposal"
-    ),
-    Action(
-        "pairs",
-        "Pairs",
-        ("p",),
-        "Pick pairs of points on the proposal and on the shape; again: stop.",
-        "proposal",
-    ),
-    Action("fit_pairs", "Fit pairs", ("Ctrl+Enter",), "Move the proposal so that the pairs fit.", "proposal"),
-    Action(
-        "refine", "Refine from here", ("Ctrl+i",), "Let the method refine the present placement.", "proposal"
-    ),
-    Action("overlay", "Both", ("o",), "Show the proposal on the shape; again: the shape alone.", "proposal"),
-    Action("compare_shape", "A: shape", (",",), "Show the shape alone; again: both.", "proposal"),
-    Action("compare_proposal", "B: proposal", (".",), "Show the proposal alone; again: both.", "proposal"),
-    Action(
-        "compare_wipe",
-        "Wipe",
-        ("w",),
-        "Show shape and proposal on the two sides of a divider; again: both.",
-        "proposal",
-    ),
-    Action("blink", "Blink", ("b",), "Blink the proposal against the shape; again: stop.", "proposal"),
-    Action(
-        "compare_difference",
-        "Difference",
-        ("d",),
-        "Map the difference in color; again: in height, in 3D position.",
-        "proposal",
-    ),
-    Action(
-        "diagnostics",
-        "Diagnostics",
-        ("i",),
-        "Show the diagnostics of the proposal: pairs of cloth, or the paper's lines.",
-        "proposal",
-    ),
-    Action("capture_pause", "Pause", ("Space",), "Capture: hold the picture, or go on.", "capture"),
-    Action(
-        "capture_turned", "It is there", ("i",), "Capture: the item is at the requested angle.", "capture"
-    ),
-    Action("capture_keep", "Keep", ("m",), "Capture: keep the view that was taken.", "capture"),
-    Action("capture_repeat", "Repeat", ("j",), "Capture: take the view again.", "capture"),
-    Action("layer_color", "Color", ("1",), "Show the color of the cloth.", "view"),
-    Action("layer_height", "Height z", ("2",), "Show the height along the turning axis.", "view"),
-    Action("layer_z_angle", "Z-angle", ("3",), "Show the Z-angle of each pixel in its view.", "view"),
-    Action("layer_source", "Source", ("4",), "Show the source view of each pixel.", "view"),
-    Action("layer_stretch", "Stretch", ("5",), "Show the change of lengths by flattening.", "view"),
-    Action("layer_incidence", "Incidence", ("6",), "Show the incidence angle of each pixel.", "view"),
-    Action("layer_density", "Density", ("7",), "Show the density of the measurement.", "view"),
-    Action("layer_place", "Uncertainty", ("8",), "Show the placement uncertainty of each pixel.", "view"),
-    Action("layer_truth", "Error", ("*",), "Show the error of each pixel by the recorded kit.", "view"),
-    Action("fit", "Fit", ("f",), "Fit the whole flattened view into its pane.", "view"),
-    Action("zoom_in", "Zoom in", ("+", "="), "Zoom in.", "view"),
-    Action("zoom_out", "Zoom out", ("-",), "Zoom out.", "view"),
-    Action(
-        "look",
-        "Look",
-        ("Shift+l",),
-        "Layers as a list, rotate, flip, ruler, colours; display only, data unchanged.",
-        "view",
-    ),
-    Action(
-        "turn_left_seen",
-        "Turn view ↺",
-        ("9",),
-        "Rotate the display of the flattened view counter-clockwise.",
-        "view",
-    ),
-    Action(
-        "turn_right_seen",
-        "Turn view ↻",
-        ("0",),
-        "Rotate the display of the flattened view clockwise.",
-        "view",
-    ),
-    Action("flip", "Flip", ("Shift+f",), "Mirror the display of the flattened view.", "view"),
-    Action(
-        "source_image",
-        "Source image",
-        ("Shift+i",),
-        "Show or hide the source image with its mask, and the views of the pick.",
-        "view",
-    ),
-    Action(
-        "brush_this",
-        "This side",
-        ("Shift+s",),
-        "Paint cloth of the side of interest: on the source image, the shape or the 3D scene; again: stop.",
-        "sides",
-    ),
-    Action(
-        "brush_other",
-        "Not this side",
-        ("Shift+n",),
-        "Paint cloth that is not of interest; again: stop.",
-        "sides",
-    ),
-    Action(
-        "cut",
-        "Cut",
-        ("Shift+c",),
-        "Draw a line across the shape, then click beyond it: cloth there is not of interest; again: stop.",
-        "sides",
-    ),
-    Action("brush_smaller", "Smaller brush", ("<",), "Make the brush smaller.", "sides"),
-    Action("brush_larger", "Larger brush", (">",), "Make the brush larger.", "sides"),
-    Action(
-        "where_to_stroke",
-        "Where to stroke next",
-        ("Shift+w",),
-        "Go to the view and the place where a stroke settles most; again: the next undecided place.",
-        "sides",
-    ),
-    Action(
-        "where_before", "Place before", (";",), "Go back to the undecided place before this one.", "sides"
-    ),
-    Action(
-        "turn_over",
-        "Turn over",
-        ("m",),
-        "Turn the flattened garment over, computing its other side if need be; again: back.",
-        "sides",
-    ),
-    Action(
-        "beside",
-        "Side by side",
-        ("Shift+j",),
-        "Show both sides of the garment side by side; again: one.",
-        "sides",
-    ),
-    Action(
-        "seams",
-        "Seams",
-        ("Shift+q",),
-        "Show or hide the seams that join both sides: what speaks for each, cut or keep.",
-        "sides",
-    ),
-    Action(
-        "joints",
-        "Why joined",
-        ("Shift+y",),
-        "Show what holds the parts of the shape: views, pairs, residuals; cut or keep. Click cloth to ask.",
-        "timeline",
-    ),
-    Action("joint_next", "Next place", (".",), "Show the next place where the part may lie.", "joint"),
-    Action("joint_decide", "Decide", ("a",), "Decide that the part lies where it is shown.", "joint"),
-    Action("show_sides", "Sides", ("Shift+o",), "Show or hide which side the cloth is.", "sides"),
-    Action("show_certainty", "Certainty", ("Shift+u",), "Show where the side is uncertain.", "sides"),
-    Action(
-        "garment", "Garment", ("Shift+g",), "Show or hide the garment's outline and its named points.", "view"
-    ),
-    Action(
-        "upright",
-        "Upright",
-        ("Shift+t",),
-        "Turn the display so that the garment is upright; again: back.",
-        "view",
-    ),
-    Action(
-        "source_large",
-        "Large",
-        ("Shift+z",),
-        "Show the source image large, or small again; the wheel zooms into it.",
-        "view",
-    ),
-    Action("source_mask", "Mask", ("Shift+m",), "Show or hide the mask on the source image.", "view"),
-    Action(
-        "source_states",
-        "Left out",
-        ("Shift+d",),
-        "Show on the source image which pixels are not in the shape, and why.",
-        "view",
-    ),
-    Action(
-        "ruler",
-        "Ruler",
-        ("z",),
-        "Measure by dragging: flat, along the cloth, through the air; Esc clears.",
-        "view",
-    ),
-    Action(
-        "pointer",
-        "Pointer",
-        ("Shift+p",),
-        "Move the pointer with arrows (Shift: tenfold); Enter clicks, Space drags, Esc ends.",
-        "view",
-    ),
-    Action(
-        "pane",
-        "Next pane",
-        ("Shift+v",),
-        "In a narrow window: show the next pane (flattened view, 3D, details).",
-        "view",
-    ),
-    Action("column", "Next part", ("Shift+x",), "Show the next part of the right column.", "view"),
-    Action("readout", "Values", ("Shift+b",), "Fold or unfold the values under the pointer.", "view"),
-    Action("follow", "Follow", ("v",), "Keep the 3D camera at the real camera's position.", "view"),
-    Action(
-        "teach",
-        "Teach",
-        ("h",),
-        "Go through the method step by step, without decisions; again: leave.",
-        "page",
-    ),
-    Action("teach_next", "Next", ("PageDown",), "Teaching: the next stage; → does it too.", "teaching"),
-    Action("teach_back", "Back", ("PageUp",), "Teaching: the previous stage; ← does it too.", "teaching"),
-    Action("teach_play", "Play stage", ("k",), "Teaching: play or pause the animation.", "teaching"),
-    Action(
-        "home",
-        "Open",
-        ("Shift+h",),
-        "Go to the start screen: open another recording, session or camera.",
-        "page",
-    ),
-    Action("keep_pick", "Keep pick", ("Enter",), "Keep the pick: else it goes with the next.", "page"),
-    Action("copy", "Copy pick", ("c",), "Copy the numbers of the current pick.", "page"),
-    Action("export", "Export", ("x",), "Export the session: page, report, figures, animation.", "page"),
-    Action(
-        "settings",
-        "Settings",
-        ("Ctrl+,",),
-        "Settings, each with its reset; also how far Auto runs.",
-        "page",
-    ),
-    Action("palette", "Commands", ("Ctrl+k",), "Find a command by a few letters of its name.", "page"),
-    Action("log", "Messages", ("l",), "Show all messages.", "page"),
-    Action("theme", "Theme", ("t",), "Switch between light and dark.", "page"),
-    Action("help", "Keys", ("?",), "Show the keys.", "page"),
+        name=name,
+        title=title,
+        keys=tuple(keys.split()),
+        description=description,
+        group=group,
+        mode=_MODES.get(group, ""),
+    )
+    for group, rows in _TABLE.items()
+    for name, title, keys, description in table(rows)
 )
 
 
 # --- which of them a session allows now -----------------------------------------------------------
 
 
-def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> Command:
+def command_of(
+    name: str,
+    state: SessionState,
+    view_index: int | None = None,
+    reason: str | None = None,
+    score: float | None = None,
+) -> Command:
     """Return the session command of an action at present.
 
-    ``arguments`` may contain ``view_index`` (the view the user saw) and ``reason``. A decision
-    without a view refers to the pending one; without one it is -1, which the session refuses.
+    ``view_index`` is the view the user saw. A decision without a view refers to the pending one; without
+    one it is -1, which the session refuses.
     """
     document = state.document
     pending = -1 if document.pending is None else document.pending.view_index
-    view = arguments.get("view_index")
+    decided = pending if view_index is None else view_index
     match name:
-        case "step":
+        case "step" | "view":
             # After a cancelled start there is no start view yet: the step is the start.
-            return Start() if document.start_view is None else Propose()
-        case "view":
+            view = view_index if name == "view" else None
             return Start(view) if document.start_view is None else Propose(view)
         case "accept":
-            return Accept(pending if view is None else view, arguments.get("score"))
+            return Accept(decided, score)
         case "skip":
-            return Skip(pending if view is None else view)
+            return Skip(decided)
         case "reopen":
-            return Reopen(-1 if view is None else view)
+            return Reopen(-1 if view_index is None else view_index)
         case "reject" | "reject_menu":
-            return Reject(pending if view is None else view, arguments.get("reason", DEFAULT_REASON))
+            return Reject(decided, reason or DEFAULT_REASON)
         case "undo":
             return Undo()
         case "redo":
@@ -415,7 +239,7 @@ def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> 
         case "cancel":
             return Cancel()
         case "restart":
-            return Restart(view)
+            return Restart(view_index)
     raise KeyError(name)
 
 
@@ -435,7 +259,7 @@ def _why_not(action: Action, state: SessionState | None) -> str | None:
     if name == "reopen":
         return None if document.reopenable_views else "There is no decision to reopen."
     if action.group == "session":
-        return why_illegal(state, command_of(name, state, {}))
+        return why_illegal(state, command_of(name, state))
     if action.group == "proposal" and document.pending is None:
         return "There is no proposal to move; step first."
     return None

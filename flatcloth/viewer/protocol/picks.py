@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import camera_from_object, object_from_camera
 from flatcloth.core.types import FlattenedView, Floats, RotationAxis, finite
@@ -32,6 +33,8 @@ from flatcloth.viewer.protocol.state import ListedPick, PickInfo
 
 TOO_FAR_M = 0.030
 """A click in 3D farther than this from the shape picks nothing; a nearer one picks its nearest point."""
+PLACES_KEPT = 200
+"""Places of picks on shapes that are kept. Chosen: more than a list has; it bounds memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,15 +52,6 @@ class Place:
         return self.distance_m <= LOST_AT_M
 
 
-@dataclass(frozen=True)
-class CurrentPick:
-    """The pick shown in both panes; ``miss_m`` is the distance of the click from the cloth."""
-
-    pick: Pick
-    miss_m: float
-    grip: Grip
-
-
 class PickStore:
     """Adds, shows, renames and deletes picks; used by the application thread only.
 
@@ -71,9 +65,8 @@ class PickStore:
         self._folder = folder
         self._integration = integration
         self._added = added
-        self._pose: tuple[Picture, CurrentPick, GraspPose | None] | None = None
-        self._shown: tuple[int, int] | None = None  # what the places belong to
-        self._places: dict[tuple[SheetSide, bytes], Place] = {}
+        self._pose: tuple[Picture, Pick, Grip, GraspPose | None] | None = None
+        self._places: Cache[Place] = Cache(PLACES_KEPT)
         # A session in memory also has its grips in memory.
         self.book = GripStore(getattr(folder, "folder", None))
         self._loose: Pick | None = None
@@ -85,23 +78,20 @@ class PickStore:
         return self._folder.picks if self._loose is None else (*self._folder.picks, self._loose)
 
     @property
-    def current(self) -> CurrentPick | None:
+    def current(self) -> Pick | None:
         """The pick shown in both panes."""
-        number, miss_m = self._current
-        found = [CurrentPick(p, miss_m, self.book.get(p.id)) for p in self.picks if p.id == number]
-        return found[0] if found else None
+        return next((p for p in self.picks if p.id == self._current[0]), None)
 
-    def pose(self, picture: Picture) -> GraspPose | None:
-        """Return the current pick's grasp pose on a shape; None without one, or if its normal is unknown."""
-        current = self.current
-        if current is None or (current.pick.side == "other" and picture.other is None):
+    def _pose_of(self, pick: Pick, picture: Picture) -> GraspPose | None:
+        """Return the current pick's grasp pose on a shape; None if its normal or its side is unknown."""
+        if pick.side == "other" and picture.other is None:
             return None
-        if self._pose is None or self._pose[0] is not picture or self._pose[1] != current:
-            pick, axis = current.pick, self._integration.axis
+        grip, kept = self.book.get(pick.id), self._pose
+        if kept is None or kept[0] is not picture or kept[1] is not pick or kept[2] != grip:
             place = pick.position_held_m, pick.normal_held
-            pose = grasp_pose(picture.side(pick.side), *place, axis, current.grip)
-            self._pose = picture, current, pose
-        return self._pose[2]
+            pose = grasp_pose(picture.side(pick.side), *place, self._integration.axis, grip)
+            kept = self._pose = picture, pick, grip, pose
+        return kept[3]
 
     def add(
         self,
@@ -191,22 +181,43 @@ class PickStore:
 
     def current_info(self, picture: Picture | None) -> PickInfo | None:
         """Return the numbers of the current pick; None without one, or before the first picture."""
-        if self.current is None or picture is None:
+        pick = self.current
+        if pick is None or picture is None:
             return None
-        place = self._place_of(self.current.pick, picture)
-        return pick_info(self.current, place, picture, self._integration.axis, self.pose(picture))
+        place = self._place_of(pick, picture)
+        is_there = place is not None and place.in_shape
+        z_angle_deg = finite(picture.side(pick.side).z_angle_deg[place.rc]) if place and is_there else None
+        position, normal = pick.position_held_m, pick.normal_held
+        from_object = camera_from_object(self._integration.axis, picture.angle_deg)
+        at_camera, normal_camera = from_object.apply_with_normal(position, normal)
+        values = {
+            "id": pick.id,
+            "name": pick.name,
+            "side": pick.side,
+            "rc": (0, 0) if place is None else place.rc,
+            "uv_m": (0.0, 0.0) if place is None else place.uv_m,
+            "in_shape": is_there,
+            "position_held_m": position,
+            "position_camera_m": at_camera,
+            "normal_held": [finite(x) for x in normal.tolist()],
+            "normal_camera": [finite(x) for x in normal_camera.tolist()],
+            "angle_deg": picture.angle_deg,
+            "z_angle_deg": z_angle_deg,
+            "view_index": pick.view_index,
+            "source_rc": pick.source_rc,
+            "miss_m": self._current[1],
+            "grip": grip_numbers(self._pose_of(pick, picture)),
+        }
+        return typed(values, PickInfo)
 
     def _place_of(self, pick: Pick, picture: Picture) -> Place | None:
         """Return the pixel nearest to a pick, of the cloth of its side; None if that side is not known."""
         if pick.side == "other" and picture.other is None:
             return None
         shown = picture.revision, 0 if picture.other is None else picture.other.revision
-        if shown != self._shown:
-            self._shown, self._places = shown, {}
-        key = pick.side, pick.position_held_m.tobytes()
-        if key not in self._places:
-            self._places[key] = _place(picture.side(pick.side), pick.position_held_m, pick.side)
-        return self._places[key]
+        key = *shown, pick.side, pick.position_held_m.tobytes()
+        view = picture.side(pick.side)
+        return self._places.get(key, lambda: _place(view, pick.position_held_m, pick.side))
 
     def grip(self, picture: Picture | None, asked: SetGrip) -> None:
         """Change a pick's grip: its axis, as an angle on the plane or along the outline; its opening."""
@@ -291,33 +302,3 @@ def _shown(picture: Picture | None) -> Picture:
     if picture is None:
         raise FlatclothError("Nothing is flattened yet; wait for the start view, then click again.")
     return picture
-
-
-def pick_info(
-    current: CurrentPick, place: Place | None, picture: Picture, axis: RotationAxis, pose: GraspPose | None
-) -> PickInfo:
-    """Return all numbers of the current pick, with its grasp pose, for the page and the clipboard."""
-    pick = current.pick
-    position, normal = pick.position_held_m, pick.normal_held
-    at_camera, normal_camera = camera_from_object(axis, picture.angle_deg).apply_with_normal(position, normal)
-    is_there = place is not None and place.in_shape
-    z_angle_deg = float(picture.side(pick.side).z_angle_deg[place.rc]) if place and is_there else None
-    values = {
-        "id": pick.id,
-        "name": pick.name,
-        "side": pick.side,
-        "rc": (0, 0) if place is None else place.rc,
-        "uv_m": (0.0, 0.0) if place is None else place.uv_m,
-        "in_shape": is_there,
-        "position_held_m": position,
-        "position_camera_m": at_camera,
-        "normal_held": [finite(x) for x in normal.tolist()],
-        "normal_camera": [finite(x) for x in normal_camera.tolist()],
-        "angle_deg": picture.angle_deg,
-        "z_angle_deg": None if z_angle_deg is None else finite(z_angle_deg),
-        "view_index": pick.view_index,
-        "source_rc": pick.source_rc,
-        "miss_m": current.miss_m,
-        "grip": grip_numbers(pose),
-    }
-    return typed(values, PickInfo)

@@ -287,13 +287,12 @@ def _foreseen(
     on = sheet.piece[rc[inside, 0], rc[inside, 1]]
     covered = np.bincount(on[on >= 0], minlength=len(sheet.pieces) + 1) * view.pixel_size_m**2
     joins = [label_of(n) for n, area_m2 in enumerate(covered) if n != own_piece and area_m2 >= _JOINS_M2]
-    by_shape = {}
-    if change is not None:
-        by_shape = {
-            "moved_mm": 1e3 * change.moved_m,
-            "contradicted": change.contradicted,
-        }
-    return Foreseen(added_cm2=pixel_cm2 * added, joins=tuple(joins), **by_shape)
+    return Foreseen(
+        added_cm2=pixel_cm2 * added,
+        joins=tuple(joins),
+        moved_mm=None if change is None else 1e3 * change.moved_m,
+        contradicted=None if change is None else change.contradicted,
+    )
 
 
 def _checks(

@@ -10,7 +10,8 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from flatcloth.active.incoming import SeenView
-from flatcloth.core.types import Float64, Intrinsics, RotationAxis
+from flatcloth.core.types import Float64
+from flatcloth.recordings.arrays import recording_from_arrays
 from flatcloth.recordings.files.images import is_whole, pixels_of, png_header
 from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG, MAX_NAME_CHARS, Count, Metres, Pointed
 
@@ -38,6 +39,11 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     point_m: tuple[Near, Near, Near]
     direction: tuple[Near, Near, Near]
+
+    @property
+    def unit(self) -> Float64:
+        """The direction as a unit vector (3,); a zero direction has none."""
+        return np.array(self.direction) / max(float(np.linalg.norm(self.direction)), 1e-6)
 
 
 class PostedView(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -68,49 +74,33 @@ class PostedView(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
         Raises
         ------
-        ValueError
+        ValueError, RecordingError
             If an image is missing, or is no image of its kind; the message says which.
         """
         if self.color is None or self.depth is None or self.K is None:
             raise ValueError("color, depth and K belong together: send all three, or the angle alone.")
-        color = _decoded(self.color, "color", np.uint8, 3)
-        if self.depth.dtype == "float32":
-            depth_m = np.nan_to_num(_decoded(self.depth, "depth", np.float32, 1), posinf=0.0, neginf=0.0)
-        else:
-            depth_m = _decoded(self.depth, "depth", np.uint16, 1) * np.float32(self.depth_scale_m)
-        mask = None if self.mask is None else _decoded(self.mask, "mask", np.uint8, 1) > 127
-        if mask is not None and mask.shape != depth_m.shape:
-            raise ValueError("mask has another size than depth.")
+        is_metres = self.depth.dtype == "float32"
+        depth = _decoded(self.depth, "depth", np.float32 if is_metres else np.uint16, 1)
+        read = recording_from_arrays(
+            [_decoded(self.color, "color", np.uint8, 3)],
+            [depth],
+            self.K,
+            [self.angle_deg],
+            None if self.mask is None else [_decoded(self.mask, "mask", np.uint8, 1) > 127],
+            rotation_axis=None if self.axis is None else (self.axis.point_m, self.axis.unit),
+            held_point_m=self.held_point_m,
+            depth_scale_m=None if is_metres else self.depth_scale_m,
+        )
+        frame = read[0]
         return SeenView(
             angle_deg=self.angle_deg,
-            color=color,
-            depth_m=np.maximum(depth_m, 0.0).astype(np.float32),
-            intrinsics=_camera(self.K, depth_m.shape),
-            mask=mask,
-            axis=None if self.axis is None else _axis(self.axis),
-            held_point_m=None if self.held_point_m is None else np.array(self.held_point_m),
+            color=frame.color,
+            depth_m=frame.depth_m,
+            intrinsics=frame.intrinsics,
+            mask=frame.mask,
+            axis=read.rotation_axis,
+            held_point_m=read.held_point_m,
         )
-
-
-def _camera(matrix: Any, shape: tuple[int, ...]) -> Intrinsics:
-    k: Float64 = np.array(matrix, dtype=np.float64)
-    height, width = shape[:2]
-    if not (k[0, 0] > 0 and k[1, 1] > 0 and np.allclose(k[[0, 1, 2, 2], [1, 0, 0, 1]], 0) and k[2, 2] == 1):
-        raise ValueError("K is no camera matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
-    relative = np.array([k[0, 0], k[1, 1]]) / max(width, height)
-    if not (relative.min() >= 0.1 and relative.max() <= 50.0):
-        raise ValueError(f"K has an impossible focal length for {width}x{height} pixels.")
-    return Intrinsics(
-        width=width, height=height, fx=float(k[0, 0]), fy=float(k[1, 1]), cx=float(k[0, 2]), cy=float(k[1, 2])
-    )
-
-
-def _axis(given: Axis) -> RotationAxis:
-    direction = np.array(given.direction)
-    length = float(np.linalg.norm(direction))
-    if length < 1e-6:
-        raise ValueError("axis.direction is zero.")
-    return RotationAxis(point_m=np.array(given.point_m), direction=direction / length)
 
 
 def _decoded(image: Image, name: str, dtype: type[Any], channels: int) -> NDArray[Any]:

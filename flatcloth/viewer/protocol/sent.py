@@ -5,12 +5,15 @@ Numbers that may be unknown are ``float | None``; NaN is sent as ``null``, too.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
 
 from flatcloth.core.decoding import converted
+from flatcloth.core.parcel import Parcel
+from flatcloth.rendering import layers
 
 UV = tuple[float, float]
 """A place (u, v) on the flattened plane, in metres."""
@@ -74,20 +77,18 @@ class Legend(Sent, frozen=True):
     colors: tuple[str, ...] = ()
 
 
-class Placement(Sent, frozen=True):
-    """A rigid motion of the plane: a rotation about the origin, then a shift."""
-
-    theta_rad: float
-    u_m: float
-    v_m: float
-
-
 class Motion(Sent, frozen=True):
     """A rigid motion of the plane for reading."""
 
     theta_deg: float
     u_mm: float
     v_mm: float
+
+
+def table(text: str) -> Iterator[list[str]]:
+    """Yield the cells of a table whose columns are separated by " | "; an indented line goes on."""
+    for row in text.replace("\n    ", " ").strip().splitlines():
+        yield row.split(" | ")
 
 
 def typed(values: Any, kind: type[T]) -> T:
@@ -98,6 +99,23 @@ def typed(values: Any, kind: type[T]) -> T:
 def encoded(message: Any) -> bytes:
     """Return a message, or other values, as JSON."""
     return _ENCODER.encode(message)
+
+
+def parcel_of(values: Any, arrays: Mapping[str, Any]) -> Parcel:
+    """Return values, which may be a struct, with arrays; NaN among the values is sent as ``null``.
+
+    Numbers of 64 bits are sent as 32 bits; an array (H, W, 4) of bytes is a picture.
+    """
+    parcel = Parcel(msgspec.json.decode(encoded(values)))
+    for name, array in arrays.items():
+        if array.dtype == np.uint8 and array.shape[2:] == (4,):
+            parcel.picture(name, layers.png(array), array.shape[:2])
+        else:
+            parcel.array(name, array, _SHORTER.get(array.dtype.name))
+    return parcel
+
+
+_SHORTER = {"float64": "float32", "int64": "int32"}
 
 
 def _builtin(value: Any) -> Any:
@@ -132,7 +150,6 @@ class ActiveStatus(Sent, frozen=True):
     why: str
     new_cm2: float | None
     end: str | None
-    reached: bool
     waiting: str
     turning: bool
     turns_itself: bool

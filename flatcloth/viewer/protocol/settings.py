@@ -6,116 +6,69 @@ are not among them: a session keeps those that it was started with, in its ``ses
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, structs
 
-from flatcloth.core.decoding import MisfitError, decoded, fitted
-from flatcloth.core.errors import FlatclothError, os_errors_as
-from flatcloth.core.plain_files import read_plain, replace_file
-from flatcloth.viewer.protocol.sent import Sent
+from flatcloth.core.decoding import MisfitError, fitted
+from flatcloth.core.errors import FlatclothError
+from flatcloth.session.kept import read_kept, write_kept
+from flatcloth.viewer.protocol.sent import Sent, table
 
 FILE = "settings.json"
 FORMAT = "flatcloth-settings/1"
-
-
-def _about(title: str, description: str, **more: Any) -> Meta:
-    """Return what the dialog says of a setting; ``step``, or ``options`` with words, are its control's."""
-    limits = {name: more.pop(name) for name in ("ge", "le") if name in more}
-    return Meta(title=title, description=description, extra=more, **limits)
+_REMEDY = "Delete it to restore the defaults."
 
 
 class Settings(Sent, frozen=True):
-    """The operator's settings, in the order of their dialog."""
+    """The operator's settings, in the order of their dialog, which :data:`_DIALOG` describes."""
 
-    advance: Annotated[
-        bool, _about("Continue after a verdict", "After Accept, Reject or Skip, propose the next view.")
-    ] = True
-    auto_threshold: Annotated[
-        float,
-        _about(
-            "Auto accepts from",
-            "Auto accepts a proposal with at least this score, and waits for you below it.",
-            ge=0.0,
-            le=1.0,
-            step=0.05,
-        ),
-    ] = 0.75
-    auto_until: Annotated[
-        Literal["all", "area", "views"],
-        _about(
-            "Auto runs until",
-            "When Auto proposes no further view.",
-            options={"all": "no view adds cloth", "area": "a view adds little", "views": "this many views"},
-        ),
-    ] = "all"
-    auto_least_cm2: Annotated[
-        float,
-        _about(
-            "Little, cm²",
-            'With "a view adds little": the least area that the next view must be expected to add.',
-            ge=1.0,
-            le=5000.0,
-            step=1.0,
-        ),
-    ] = 50.0
-    auto_views: Annotated[
-        float,
-        _about(
-            "This many views",
-            'With "this many views": those of the shape, the start view among them.',
-            ge=1.0,
-            le=10000.0,
-            step=1.0,
-        ),
-    ] = 14.0
-    step_mm: Annotated[
-        float,
-        _about(
-            "Arrow key, mm",
-            "Step of the arrow keys for the proposal; tenfold with Shift.",
-            ge=0.1,
-            le=50.0,
-            step=0.1,
-        ),
-    ] = 2.0
-    step_deg: Annotated[
-        float,
-        _about(
-            "Bracket key, °",
-            "Step of [ and ] for the proposal; tenfold with Shift.",
-            ge=0.05,
-            le=45.0,
-            step=0.05,
-        ),
-    ] = 1.0
-    follow: Annotated[
-        bool,
-        _about("3D camera follows", "The 3D camera takes the real camera's position of the shown view."),
-    ] = True
-    turn_to_pick: Annotated[
-        bool,
-        _about(
-            "Turn the item to a pick",
-            "A pick that faces away from the 3D camera is looked at from where it was seen."
-            " Off: its mark shows through the cloth.",
-        ),
-    ] = True
-    show_view: Annotated[bool, _about("Present view", "The points of the present view, in 3D.")] = True
-    show_shape: Annotated[bool, _about("Shape so far", "The points of the shape, in 3D.")] = True
-    show_new: Annotated[bool, _about("What the proposal adds", "The points that it would add, in 3D.")] = True
-    show_all: Annotated[
-        bool,
-        _about(
-            "All views", "The points of all views of the recording, in 3D, also of those that are not used."
-        ),
-    ] = False
-    show_axis: Annotated[bool, _about("Turning axis", "The axis that the item is turned about.")] = True
-    show_camera: Annotated[bool, _about("Camera", "Where the camera stood at the present view.")] = True
+    advance: bool = True
+    auto_threshold: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.75
+    auto_until: Literal["all", "area", "views"] = "all"
+    auto_least_cm2: Annotated[float, Meta(ge=1.0, le=5000.0)] = 50.0
+    auto_views: Annotated[float, Meta(ge=1.0, le=10000.0)] = 14.0
+    step_mm: Annotated[float, Meta(ge=0.1, le=50.0)] = 2.0
+    step_deg: Annotated[float, Meta(ge=0.05, le=45.0)] = 1.0
+    follow: bool = True
+    turn_to_pick: bool = True
+    show_view: bool = True
+    show_shape: bool = True
+    show_new: bool = True
+    show_all: bool = False
+    show_axis: bool = True
+    show_camera: bool = True
+
+
+_DIALOG = """
+advance | Continue after a verdict | After Accept, Reject or Skip, propose the next view.
+auto_threshold | Auto accepts from | Auto accepts a proposal with at least this score, and waits for you
+    below it.
+auto_until | Auto runs until | When Auto proposes no further view.
+auto_least_cm2 | Little, cm² | With "a view adds little": the least area that the next view must be expected
+    to add.
+auto_views | This many views | With "this many views": those of the shape, the start view among them.
+step_mm | Arrow key, mm | Step of the arrow keys for the proposal; tenfold with Shift.
+step_deg | Bracket key, ° | Step of [ and ] for the proposal; tenfold with Shift.
+follow | 3D camera follows | The 3D camera takes the real camera's position of the shown view.
+turn_to_pick | Turn the item to a pick | A pick that faces away from the 3D camera is looked at from where
+    it was seen. Off: its mark shows through the cloth.
+show_view | Present view | The points of the present view, in 3D.
+show_shape | Shape so far | The points of the shape, in 3D.
+show_new | What the proposal adds | The points that it would add, in 3D.
+show_all | All views | The points of all views of the recording, in 3D, also of those that are not used.
+show_axis | Turning axis | The axis that the item is turned about.
+show_camera | Camera | Where the camera stood at the present view.
+"""
+_STEPS = {
+    "auto_threshold": 0.05, "auto_least_cm2": 1.0, "auto_views": 1.0, "step_mm": 0.1, "step_deg": 0.05,
+}  # fmt: skip
+_OPTIONS = {
+    "auto_until": {"all": "no view adds cloth", "area": "a view adds little", "views": "this many views"}
+}
 
 
 class Setting(Sent, frozen=True):
@@ -131,17 +84,19 @@ class Setting(Sent, frozen=True):
     options: dict[str, str] = msgspec.field(default_factory=dict)
 
 
-def _row(field: structs.FieldInfo, default: bool | float | str) -> Setting:
-    (about,) = field.type.__metadata__
-    return Setting(
-        name=field.name,
-        title=about.title,
-        description=about.description,
-        default=default,
-        low=about.ge,
-        high=about.le,
-        **about.extra,
-    )
+def _rows(defaults: Settings) -> Iterator[Setting]:
+    for field, (name, title, description) in zip(structs.fields(Settings), table(_DIALOG), strict=True):
+        (limits,) = getattr(field.type, "__metadata__", (Meta(),))
+        yield Setting(
+            name=name,
+            title=title,
+            description=description,
+            default=getattr(defaults, field.name),
+            low=limits.ge,
+            high=limits.le,
+            step=_STEPS.get(name),
+            options=_OPTIONS.get(name, {}),
+        )
 
 
 class SettingsStore:
@@ -156,7 +111,7 @@ class SettingsStore:
     def __init__(self, folder: Path | None, defaults: Settings) -> None:
         self._path = None if folder is None else folder / FILE
         self.defaults = defaults
-        self.rows = tuple(_row(field, getattr(defaults, field.name)) for field in structs.fields(Settings))
+        self.rows = tuple(_rows(defaults))
         self.now = defaults if self._path is None else self._read(self._path)
 
     def change(self, values: Mapping[str, Any], *, reset: bool = False) -> None:
@@ -169,41 +124,24 @@ class SettingsStore:
         """
         settings = self._with(values, self.defaults if reset else self.now)
         if self._path is not None:
-            content = {"format": FORMAT, **structs.asdict(settings)}
-            with os_errors_as(
-                FlatclothError, f"{self._path}: cannot be written", "Nothing was set. Free disk space."
-            ):
-                replace_file(self._path, json.dumps(content, indent=1).encode() + b"\n")
+            write_kept(self._path, {"format": FORMAT, **structs.asdict(settings)})
         self.now = settings
 
     def _with(self, values: Mapping[str, Any], before: Settings) -> Settings:
-        for row in self.rows:
-            value, low, high = values.get(row.name), row.low, row.high
-            if (
-                isinstance(value, int | float)
-                and low is not None
-                and high is not None
-                and not low <= value <= high
-            ):
-                raise FlatclothError(f"{row.title}: between {low:g} and {high:g}, not {value:g}.")
         try:
             return fitted({**structs.asdict(before), **values}, Settings)
         except MisfitError as error:
-            raise FlatclothError(f"Setting {error}.") from error
+            titles = {row.name: row.title for row in self.rows}
+            name = titles.get(error.where, error.where)
+            raise FlatclothError(f"{name}: {error.found} cannot be set.") from error
 
     def _read(self, path: Path) -> Settings:
-        try:
-            kept = decoded(read_plain(path), dict[str, Any])
-            if kept.pop("format", None) != FORMAT:
-                raise ValueError(f"its format is not {FORMAT}")
-            return self._with(kept, self.defaults)
-        except FileNotFoundError:
+        kept = read_kept(path, dict[str, Any], _REMEDY)
+        if kept is None:
             return self.defaults
-        except OSError as error:
-            raise FlatclothError(
-                f"{path}: cannot be read ({error.strerror}). Check its permissions."
-            ) from error
-        except (ValueError, FlatclothError) as error:
-            raise FlatclothError(
-                f"{path}: is damaged ({error}). Delete it to restore the defaults."
-            ) from error
+        try:
+            if kept.pop("format", None) != FORMAT:
+                raise FlatclothError(f"its format is not {FORMAT}")
+            return self._with(kept, self.defaults)
+        except FlatclothError as error:
+            raise FlatclothError(f"{path}: damaged ({error}). {_REMEDY}") from error

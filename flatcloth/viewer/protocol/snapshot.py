@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.sheet import Sheet, floating_file, label_of, other_floating_file
@@ -14,13 +15,14 @@ from flatcloth.engine.warmup import is_compiling
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
+from flatcloth.session.ghosts import Ghosts
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.actions import action_table
 from flatcloth.viewer.protocol.picture import OtherSheet, Overlay, Picture
-from flatcloth.viewer.protocol.sent import Grid, Legend, Motion, Placement, Progress, typed
+from flatcloth.viewer.protocol.sent import Grid, Legend, Motion, Progress, typed
 from flatcloth.viewer.protocol.state import (
-    AwaitedRequest,
     FloatingPiece,
+    GhostInfo,
     JoinedPieceInfo,
     Layers,
     OverlayInfo,
@@ -61,7 +63,7 @@ def of_session(
         "undo": state.undo[-1].name if state.undo else None,
         "redo": state.redo[-1].name if state.redo else None,
         "n_later": len(document.later),
-        "request": request and AwaitedRequest(kind=request.kind, view_index=request.view_index),
+        "request": request,
         "views": tuple(_view(state, i, a, reviewed.get(i, {})) for i, a in enumerate(angles_deg)),
         "progress": progress or (Progress(share=0.0, text=text) if compiling else None),
         "pending": _pending(document, picture),
@@ -150,13 +152,31 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     }
 
 
+def with_ghosts(pending: PendingInfo | None, overlay: Overlay | None, ghosts: Ghosts) -> PendingInfo | None:
+    """Return the proposal with the places where it may belong, if it is that of the piece placed by hand."""
+    if pending is None or overlay is None or pending.view_index != ghosts.view_index:
+        return pending
+    if not any(part.chosen and part.component == ghosts.component for part in pending.pieces):
+        return pending
+    center = np.array(overlay.own_center_uv_m)
+    places = (
+        GhostInfo(
+            source=ghost.source,
+            placement=overlay.sheet.shown(ghost.motion, center),
+            std_mm=1e3 * ghost.std_m,
+        )
+        for ghost in ghosts.places
+    )
+    return structs.replace(pending, ghosts=tuple(places))
+
+
 def _joined(overlay: Overlay) -> JoinedPieceInfo | None:
     """Return the letter of the piece that the proposal joins to the shape, and its motion on the sheet."""
     if overlay.joined_piece is None:
         return None
     piece = overlay.sheet.piece_on_plane(overlay.joined_piece.center_uv_m)
     motion = overlay.joined_piece.target_from_piece @ overlay.sheet.shift(piece).inverse()
-    return None if piece == 0 else JoinedPieceInfo(label=label_of(piece), placement=placement_of(motion))
+    return None if piece == 0 else JoinedPieceInfo(label=label_of(piece), placement=motion)
 
 
 def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
@@ -170,11 +190,6 @@ def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
 
 def _motion(motion: Rigid2) -> Motion:
     return Motion(theta_deg=math.degrees(motion.theta_rad), u_mm=1000 * motion.u_m, v_mm=1000 * motion.v_m)
-
-
-def placement_of(motion: Rigid2) -> Placement:
-    """Return a motion for the page."""
-    return Placement(theta_rad=motion.theta_rad, u_m=motion.u_m, v_m=motion.v_m)
 
 
 def layers_of_shape(picture: Picture) -> Layers:
@@ -226,7 +241,7 @@ def _overlay(picture: Picture) -> OverlayInfo | None:
         view_index=overlay.proposal.view_index,
         center_uv_m=center_uv_m(pending, overlay),
         differences={kind: typed(difference_legend(kind), Legend) for kind in DIFFERENCES},
-        placement=placement_of(overlay.shown(pending)),
+        placement=overlay.shown(pending),
         **grid_of(overlay.view),
     )
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
+from flatcloth.core.types import Rigid2
 from flatcloth.session.journal import SheetSide
+from flatcloth.session.machine import Request
 from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.sent import (
     RC,
@@ -16,7 +18,6 @@ from flatcloth.viewer.protocol.sent import (
     Legend,
     Motion,
     Note,
-    Placement,
     Progress,
     Sent,
 )
@@ -31,13 +32,6 @@ class RecordingInfo(Sent, frozen=True):
     name: str
     description: str
     n_views: int
-
-
-class AwaitedRequest(Sent, frozen=True):
-    """The computation that a session waits for."""
-
-    kind: str
-    view_index: int | None
 
 
 class ViewRow(Sent, frozen=True):
@@ -71,7 +65,7 @@ class OverlayInfo(Grid, frozen=True):
     view_index: int
     center_uv_m: UV
     differences: dict[str, Legend]
-    placement: Placement
+    placement: Rigid2
 
 
 class FloatingPiece(Sent, frozen=True):
@@ -204,7 +198,6 @@ class OtherSideInfo(Sent, frozen=True):
     is_related: bool = False
     seams: tuple[SeamInfo, ...] = ()
     reliable_share: float | None = None
-    median_std_mm: float | None = None
 
 
 class PendingPart(Sent, frozen=True):
@@ -232,7 +225,7 @@ class JoinedPieceInfo(Sent, frozen=True):
     """The floating piece that the proposal joins to the shape, and its motion on the sheet."""
 
     label: str
-    placement: Placement
+    placement: Rigid2
 
 
 class Foreseen(Sent, frozen=True):
@@ -264,7 +257,7 @@ class GhostInfo(Sent, frozen=True):
     """Where a piece placed by hand would lie by the garment, or by seams, with its deviation there."""
 
     source: Literal["garment", "seams"]
-    placement: Placement
+    placement: Rigid2
     std_mm: float
 
 
@@ -451,7 +444,7 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     undo: str | None = None
     redo: str | None = None
     n_later: int = 0
-    request: AwaitedRequest | None = None
+    request: Request | None = None
     progress: Progress | None = None
     pending: PendingInfo | None = None
     drawing: bool = False

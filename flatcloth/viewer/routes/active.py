@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import msgspec
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.active.service import ActiveService
+from flatcloth.core.errors import RecordingError
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.robot import PostedView, RobotEvent, ShapeChanged
 from flatcloth.viewer.routes.robot import Shown, Told, news
@@ -39,11 +39,10 @@ def active_routes(
 
     async def view(request: Request) -> Response:
         rotation_deg = http.rotation_of(request)
+        posted = await http.read_json(request, PostedView, MAX_BODY_BYTES)
         try:
-            body = await http.read_body(request, MAX_BODY_BYTES)
-            posted = msgspec.json.decode(body, type=PostedView)
             seen = await run_in_threadpool(posted.view) if posted.has_images else None
-        except (ValueError, RecursionError) as error:
+        except (ValueError, RecordingError) as error:
             raise http.RefusedError(f"The view was not read: {error}", 400) from error
         if seen is None:
             return await answered(lambda: service.look(posted.angle_deg, posted.number, rotation_deg))

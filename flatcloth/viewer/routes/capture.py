@@ -17,12 +17,13 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.rendering.layers import LAYERS
-from flatcloth.viewer.http import RefusedError, as_json, get, read_body
+from flatcloth.viewer.http import RefusedError, as_json, get, read_json
 from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
 
 MAX_BODY_BYTES = 10_000
 """Limit of a request's body. Chosen: far above what the page sends."""
+_WANTED = 'Send {"angle_deg": 20.0}, and "keep": false if an operator decides.'
 _ACTIONS = {"angle": "announce", "begin": "begin", "keep": "keep", "repeat": "repeat", "finish": "finish"}
 
 
@@ -47,12 +48,8 @@ def capture_routes(captures: CaptureApplication) -> list[BaseRoute]:
             raise RefusedError(f"Unknown address /capture/{word:.40}; choose one of {known}.", 404)
         angle_deg, keeps_itself = None, False
         if word == "angle":
-            try:
-                body = await read_body(request, MAX_BODY_BYTES)
-            except ValueError as error:
-                reason = f"The body was not read: {error}; an angle takes about 20."
-                raise RefusedError(reason, 400) from error
-            angle_deg, keeps_itself = _announcement(body)
+            said = await read_json(request, _Announcement, MAX_BODY_BYTES, _WANTED)
+            angle_deg, keeps_itself = said.angle_deg, said.keep
         await run_in_threadpool(captures.act, _ACTIONS[word], angle_deg, keeps_itself)
         captures.announce()
         return as_json(await run_in_threadpool(captures.status))
@@ -70,17 +67,3 @@ class _Announcement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
     angle_deg: Annotated[float, msgspec.Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
     keep: bool = True
-
-
-def _announcement(body: bytes) -> tuple[float, bool]:
-    wanted = 'Send JSON: {"angle_deg": 20.0}, and "keep": false if an operator decides.'
-    try:
-        given = msgspec.json.decode(body, type=_Announcement)
-    except msgspec.ValidationError as error:
-        if "unknown field" in str(error):
-            raise RefusedError(f"The body has other fields. {wanted}", 400) from error
-        reason = f"angle_deg must be a number up to {MAX_ANGLE_DEG:g}, and keep true or false. {wanted}"
-        raise RefusedError(reason, 400) from error
-    except (ValueError, RecursionError) as error:
-        raise RefusedError(f"The body is not JSON. {wanted}", 400) from error
-    return given.angle_deg, given.keep

@@ -6,7 +6,6 @@ import asyncio
 import logging
 import re
 import threading
-from concurrent.futures import ThreadPoolExecutor
 
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
@@ -17,7 +16,7 @@ from flatcloth.export.growth import Kept
 from flatcloth.export.session import is_floating_file, of_page
 from flatcloth.viewer.http import RefusedError
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.worker import one_at_a_time
+from flatcloth.viewer.worker import attempt, awaited, one_at_a_time
 
 _log = logging.getLogger(__name__)
 
@@ -30,21 +29,19 @@ _LOOK_S = 0.25
 
 
 class ExportRoutes:
-    """Makes exports on its own thread, one at a time, because each uses all processors; the others wait.
+    """Makes exports on a lane of the page, one at a time, because each uses all processors.
 
     When too many wait, the answer is 429. An export is cancelled when its client leaves.
     """
 
     def __init__(self, page: PageController) -> None:
         self._page, self._kept = page, Kept(page.garments, page.both)
-        self._pool = ThreadPoolExecutor(1, "flatcloth-export")
         self._clients: set[threading.Event] = set()  # each is set when the client of an export has left
 
     def stop(self) -> None:
-        """Accept no more requests, and cancel the running export."""
+        """Cancel all exports."""
         for left in tuple(self._clients):
             left.set()
-        self._pool.shutdown(wait=False, cancel_futures=True)
 
     async def serve(self, request: Request) -> Response:
         """Answer with the file, or with one line that gives the reason."""
@@ -56,23 +53,21 @@ class ExportRoutes:
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
         left = threading.Event()
         self._clients.add(left)
-        work = asyncio.wrap_future(self._pool.submit(self._make, name, left))
+        run, made = awaited(lambda: attempt(lambda: self._make(name, left), f"exporting {name}"))
+        work = asyncio.wrap_future(made)
         work.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may be left to ask
+        self._page.executor.put("export", run)
         try:
             while not work.done():
                 await asyncio.wait([work], timeout=_LOOK_S)
-                if not work.done() and await request.is_disconnected():
-                    left.set()
+                if not work.done() and (left.is_set() or await request.is_disconnected()):
                     return PlainTextResponse("The client of this export has left.", status_code=499)
             data = work.result()
-        except FlatclothError:
-            raise
-        except Exception as error:  # noqa: BLE001 - reported and logged
-            _log.exception("the export of %s failed", name)
-            return PlainTextResponse(f"Unexpected error: {error!r}. See the terminal.", status_code=500)
         finally:
             left.set()
             self._clients.discard(left)
+        if isinstance(data, str):
+            raise FlatclothError(data)
         # As a download, never shown with the page's origin: its texts come from the recording.
         stem = re.sub(r"[^A-Za-z0-9._-]+", "-", self._page.integration.recording.name).strip("-.")[:60]
         headers = {"Content-Disposition": f'attachment; filename="{stem or "flatcloth"}-{name}"'}

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from starlette.routing import BaseRoute
 from flatcloth.checking.check import checked
 from flatcloth.checking.findings import Check
 from flatcloth.core.cache import Cache
+from flatcloth.core.decoding import MisfitError, fitted
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Floats, RgbdFrame, Uint8
 from flatcloth.engine.integration import Integration
@@ -44,12 +44,14 @@ def layer_routes(page: PageController) -> list[BaseRoute]:
     differences: Cache[Difference] = Cache(1)
 
     def serve(request: Request) -> bytes | None:
+        query = request.query_params
         try:
-            look = appearance_of(request.query_params)
-        except FlatclothError as error:
+            window = {name: query[name] for name in ("low", "high") if name in query}
+            look = fitted({"color_map": query.get("map"), **window}, Appearance, strict=False)
+        except (MisfitError, FlatclothError) as error:
             raise http.RefusedError(str(error), 400) from error
         asked = dict(request.path_params)
-        name = asked.pop("name", None) or request.query_params.get("layer", "color")
+        name = asked.pop("name", None) or query.get("layer", "color")
         return png(name, look, **asked)
 
     def png(
@@ -99,23 +101,6 @@ def layer_routes(page: PageController) -> list[BaseRoute]:
 
 def _maps(_request: Request) -> dict[str, Any]:
     return {name: {"title": m.title, "colors": layers.ramp_colors(m.table())} for name, m in MAPS.items()}
-
-
-def appearance_of(query: Mapping[str, str]) -> Appearance:
-    """Read ``map``, ``low`` and ``high`` from an address.
-
-    Raises
-    ------
-    FlatclothError
-        If one of them is not valid.
-    """
-    shares = []
-    for name, default in (("low", "0"), ("high", "1")):
-        try:
-            shares.append(float(query.get(name, default)))
-        except ValueError:
-            shares.append(math.nan)
-    return Appearance(query.get("map"), shares[0], shares[1])
 
 
 # --- source images --------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ from collections.abc import Awaitable, Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-import msgspec
 from msgspec import structs
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -251,15 +250,7 @@ def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
 
     async def pick(request: Request) -> Response:
         rotation_deg = http.rotation_of(request)
-        try:
-            body = await http.read_body(request, MAX_BODY_BYTES)
-        except ValueError as error:
-            raise http.RefusedError(str(error), 400) from error
-        try:
-            proposed = msgspec.json.decode(body, type=ProposedPick)
-        except (ValueError, RecursionError) as error:
-            reason = f"The body is not as /robot/schema.json has it: {error}."
-            raise http.RefusedError(reason, 400) from error
+        proposed = await http.read_json(request, ProposedPick, MAX_BODY_BYTES, "See /robot/schema.json.")
         return http.as_json(await run_in_threadpool(answers.propose, proposed, rotation_deg))
 
     return [

@@ -13,7 +13,7 @@ import asyncio
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
@@ -24,7 +24,7 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.cache import Cache
 from flatcloth.core.resources import static_folder
 from flatcloth.recordings.mending import Mends, options_of
-from flatcloth.viewer.http import RefusedError, get, page_of, read_body
+from flatcloth.viewer.http import RefusedError, get, page_of, read_json
 from flatcloth.viewer.places import Chosen, Kind, Places
 
 MAX_BODY_BYTES = 4096
@@ -51,35 +51,29 @@ class Mend(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     mends: dict[str, Any]
 
 
+class Opener(Protocol):
+    """Opens what all tabs show."""
+
+    @property
+    def recording(self) -> str | None:
+        """The name of the open recording."""
+
+    @property
+    def session(self) -> Path | None:
+        """The folder of the open session."""
+
+    def open(self, chosen: Chosen) -> None:
+        """Open a place."""
+
+    def mend(self, mends: Mends) -> None:
+        """Open the present recording with more mends."""
+
+
 class StartRoutes:
-    """Answers the requests of the start screen.
+    """Answers the requests of the start screen of a server; ``places`` are what it may open."""
 
-    Parameters
-    ----------
-    places : Places
-        What may be opened.
-    open_place : callable
-        Opens a place for all tabs; raises ``FlatclothError``.
-    current : callable
-        Returns the name of what is open, None if nothing is.
-    folder : callable
-        Returns the folder of the open session.
-    mend : callable
-        Opens what is open with more mends; raises ``FlatclothError``.
-    """
-
-    def __init__(
-        self,
-        places: Places,
-        open_place: Callable[[Chosen], None],
-        current: Callable[[], str | None],
-        folder: Callable[[], Path | None],
-        mend: Callable[[Mends], None],
-    ) -> None:
-        self._mend = mend
-        self._places = places
-        self._open = open_place
-        self._current, self._session_folder = current, folder
+    def __init__(self, places: Places, server: Opener) -> None:
+        self._places, self._server = places, server
         self._opening = threading.Lock()
         self._pictures: Cache[bytes] = Cache(PICTURES_KEPT)
         self._reading = asyncio.Semaphore(PICTURES_AT_ONCE)
@@ -88,7 +82,7 @@ class StartRoutes:
         """Return the routes of the start screen."""
         return [
             Route("/start", self.page),
-            get("/start/places.json", lambda _: {**self._places.plain(), "current": self._current()}),
+            get("/start/places.json", lambda _: {**self._places.plain(), "current": self._server.recording}),
             get("/start/folder.json", lambda r: self._places.listing(r.query_params.get("path", ""))),
             get("/start/here.json", lambda _: self._here()),
             Route("/start/picture/{kind}/{name:path}", self._picture),
@@ -101,7 +95,7 @@ class StartRoutes:
         return page_of(request, static_folder() / "start" / "start.html")
 
     def _here(self) -> dict[str, Any]:
-        return {"name": self._current(), "place": self._places.place_of(self._session_folder())}
+        return {"name": self._server.recording, "place": self._places.place_of(self._server.session)}
 
     async def _picture(self, request: Request) -> Response:
         kind, name = request.path_params["kind"], request.path_params["name"]
@@ -117,28 +111,23 @@ class StartRoutes:
 
     async def _take(self, request: Request) -> Response:
         return await self._opened(
-            request, OpenPlace, lambda said: self._open(self._places.chosen(said.kind, said.name))
+            request, OpenPlace, lambda said: self._server.open(self._places.chosen(said.kind, said.name))
         )
 
     async def _take_mend(self, request: Request) -> Response:
         return await self._opened(
-            request, Mend, lambda said: self._mend(options_of(Mends, said.mends, "the page"))
+            request, Mend, lambda said: self._server.mend(options_of(Mends, said.mends, "the page"))
         )
 
     async def _opened(self, request: Request, kind: type[T], opener: Callable[[T], None]) -> Response:
-        try:
-            wanted = msgspec.json.decode(await read_body(request, MAX_BODY_BYTES), type=kind)
-        except msgspec.ValidationError as error:
-            raise RefusedError(f"Not understood: {error}.", 400) from error
-        except (ValueError, RecursionError) as error:
-            raise RefusedError(f"The body is not JSON of what to open ({error}).", 400) from error
+        wanted = await read_json(request, kind, MAX_BODY_BYTES)
         if not self._opening.acquire(blocking=False):
             raise RefusedError("Something else is being opened; wait until it is there.", 429)
         try:
             await run_in_threadpool(opener, wanted)
         finally:
             self._opening.release()
-        return JSONResponse({"opened": self._current()})
+        return JSONResponse({"opened": self._server.recording})
 
 
 def first_picture(source: str) -> bytes:

@@ -5,19 +5,18 @@ viser itself requires no token and does not check the Origin, so any web page co
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import io
-import logging
 import os
 import shutil
 import tempfile
-import traceback
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import viser
-from viser import _messages, infra
+import websockets.asyncio.server
+from viser import _messages
 
 from flatcloth.core.errors import ServerError, os_errors_as
 
@@ -25,66 +24,6 @@ _PREFIX = "flatcloth-scene-"
 """Of the folders of socket files; the number of the process follows."""
 _MAX_PATH_CHARS = 90
 """The system allows 107 bytes for the address of a socket file."""
-
-
-def _without_traceback(record: logging.LogRecord) -> bool:
-    """Shorten a line about a message that viser does not understand; no page sends such."""
-    error = record.exc_info[1] if record.exc_info else None
-    if error is not None and _is_visers(error):
-        record.msg, record.args = "a message to the 3D scene was not understood: %.200r", (error,)
-        record.exc_info = record.exc_text = None
-    return True
-
-
-def _is_visers(error: BaseException) -> bool:
-    """Return whether an error was raised in viser's own code."""
-    frames = list(traceback.walk_tb(error.__traceback__))
-    return bool(frames) and str(frames[-1][0].f_globals.get("__name__")).partition(".")[0] == "viser"
-
-
-for _source in ("asyncio", "websockets.server"):
-    logging.getLogger(_source).addFilter(_without_traceback)
-
-
-class _SocketFileServer(infra.WebsockServer):
-    """viser's web server, which listens at a socket file in place of its port."""
-
-    path: Path
-    _loop: asyncio.AbstractEventLoop | None = None
-
-    @property
-    def _background_event_loop(self) -> asyncio.AbstractEventLoop | None:
-        return self._loop
-
-    @_background_event_loop.setter
-    def _background_event_loop(self, loop: Any) -> None:
-        """Take the event loop that viser has made for its own thread, before it listens."""
-        self._loop = loop
-
-        def listen(make_protocol: Any, _host: str, _port: int, **options: Any) -> Any:
-            return loop.create_unix_server(make_protocol, path=str(self.path), **options)
-
-        loop.create_server = listen
-
-
-class _SocketFileViser(viser.ViserServer):
-    """viser, with that web server."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        super().__init__(host="127.0.0.1", port=0, verbose=False)
-
-    @property
-    def _websock_server(self) -> infra.WebsockServer:
-        return self._server
-
-    @_websock_server.setter
-    def _websock_server(self, server: Any) -> None:
-        """Take the web server that viser has made, before it starts."""
-        server.__class__ = _SocketFileServer
-        server.path = self._path
-        server._http_server_root = None  # the files of viser's client are served by our own server
-        self._server: infra.WebsockServer = server
 
 
 def _sweep(place: Path) -> None:
@@ -124,8 +63,17 @@ class PrivateViser:
             raise
 
     def _started(self) -> viser.ViserServer:
-        with contextlib.redirect_stdout(io.StringIO()):  # viser prints its address; the user opens only ours
-            server = _SocketFileViser(self.path)
+        serve = websockets.asyncio.server.serve
+
+        def at_file(handler: Any, _host: str, _port: int, **options: Any) -> Any:
+            return serve(handler, unix=True, path=str(self.path), **options)
+
+        # viser has no option for a socket file. It prints its address; the user opens only ours.
+        with (
+            mock.patch.object(websockets.asyncio.server, "serve", at_file),
+            contextlib.redirect_stdout(io.StringIO()),
+        ):
+            server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         if not self.path.is_socket():
             server.stop()
             raise ServerError(

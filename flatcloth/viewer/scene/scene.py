@@ -168,7 +168,6 @@ class Scene:
         self._clouds: dict[str, viser.PointCloudHandle] = {}
         self._points: dict[str, Float32] = {}
         self._hidden = {ALL}
-        self._filled: dict[str, bool] = {}
         self._shown: int | None = None  # the present view
         self._view_from: tuple[Float64, Float64, float, float] | None = None
         self._follow = True
@@ -236,7 +235,7 @@ class Scene:
                 self._fill(name, NOTHING)
             self._shown = None
             return
-        if self._filled.get(LIVE):  # what was seen before there was a picture
+        if LIVE in self._points:  # what was seen before there was a picture
             self._fill(LIVE, NOTHING)
         shown = clouds_of(picture, self._axis, len(self._recording), self._color, self._look)
         shown[ALL] = NOTHING if ALL in self._hidden else self._of_all_views()
@@ -256,7 +255,7 @@ class Scene:
         }
         with self._lock, self._server.atomic():
             self._hidden = {node for node, on in wanted.items() if not on}
-            if settings.show_all and not self._filled.get(ALL) and self._picture is not None:
+            if settings.show_all and ALL not in self._points and self._picture is not None:
                 self._fill(ALL, self._of_all_views())
             for name, cloud in self._clouds.items():
                 cloud.visible = self._is_visible(name)
@@ -278,9 +277,9 @@ class Scene:
         self._aim_all()
 
     def _fill(self, name: str, cloud: Cloud) -> None:
-        self._filled[name] = len(cloud.points_m) > 0
-        if len(cloud.points_m):
-            count = len(cloud.points_m)
+        count = len(cloud.points_m)
+        self._points.pop(name, None)
+        if count:
             keep: Any = slice(None)
             if count > MOST_POINTS:
                 keep = np.linspace(0, count - 1, MOST_POINTS).astype(np.intp)
@@ -315,13 +314,13 @@ class Scene:
         return self._all[1]
 
     def _is_visible(self, name: str) -> bool:
-        return self._filled.get(name, False) and name not in self._hidden
+        return name in self._points and name not in self._hidden
 
     def _frame_view(self, angle_deg: float, present_view: int) -> None:
         held = object_from_camera(self._axis, angle_deg)
         self._frustum.position = held.translation_m
         self._frustum.wxyz = quaternion_wxyz(held.rotation)
-        clouds = [self._points[n] for n in (LIVE, HELD) if self._filled.get(n)]
+        clouds = [self._points[n] for n in (LIVE, HELD) if n in self._points]
         if not clouds:
             return
         points = np.concatenate(clouds)

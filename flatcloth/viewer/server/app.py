@@ -123,13 +123,7 @@ class PageServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         places = places or Places(own=not is_open(host, public))
         places.remember(self.session)
-        self._start = StartRoutes(
-            places,
-            self._open,
-            lambda: self.recording,
-            lambda: self.session,
-            self._mend,
-        )
+        self._start = StartRoutes(places, self)
         self._ready = threading.Event()
         self._uvicorn = limited_server(self._app())
         serving = functools.partial(self._uvicorn.run, sockets=[self._socket])
@@ -222,13 +216,13 @@ class PageServer:
         answer = PlainTextResponse("Nothing is open; choose a recording.", status_code=409)
         await answer(scope, receive, send)
 
-    def _mend(self, mends: Mends) -> None:
+    def mend(self, mends: Mends) -> None:
         """Open the present recording with more mends."""
         if self._now is None:
             raise ServerError("Nothing is open; choose a recording.")
-        self._open(self._now.mended(mends))
+        self.open(self._now.mended(mends))
 
-    def _open(self, chosen: Chosen) -> None:
+    def open(self, chosen: Chosen) -> None:
         """Open a place and close the present source; one call at a time."""
         if self._opener is None or self._loop is None:
             raise ServerError("This page cannot open anything else; start the program again.")

@@ -20,7 +20,7 @@ from starlette.routing import Route
 from flatcloth.batch.report import decide, report_html, view_arguments
 from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
-from flatcloth.viewer.http import REFUSALS, RefusedError, read_body
+from flatcloth.viewer.http import REFUSALS, RefusedError, read_json
 from flatcloth.viewer.server.app import serve_app
 from flatcloth.viewer.server.guard import given_token, kept_token
 
@@ -130,14 +130,12 @@ def review_app(out: Path, pages: SessionPages) -> Starlette:
 
     async def verdict(request: Request) -> Response:
         said = await _said(request)
-        if said is None:
-            raise RefusedError("Expected a name and a verdict.", 400)
         await run_in_threadpool(decide, out, said.name, said.verdict)
         return JSONResponse({"name": said.name, "verdict": said.verdict})
 
     async def open_session(request: Request) -> Response:
         said = await _said(request)
-        row = read_row(out / said.name) if said is not None and is_result_name(said.name) else None
+        row = read_row(out / said.name) if is_result_name(said.name) else None
         if row is None:
             raise RefusedError("There is no such result; load the page again.", 404)
         if row["outcome"] != "done":
@@ -162,17 +160,19 @@ class _Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     verdict: Annotated[str, msgspec.Meta(max_length=40)] | None = None
 
 
-async def _said(request: Request) -> _Said | None:
-    """Return the message in a request; None if it is not valid.
+async def _said(request: Request) -> _Said:
+    """Return the message in a request.
 
     Only JSON is accepted: pages of other origins may send forms, but not JSON.
+
+    Raises
+    ------
+    RefusedError
+        If it is not valid.
     """
     if request.headers.get("content-type", "").split(";")[0] != "application/json":
-        return None
-    try:
-        return msgspec.json.decode(await read_body(request, _MOST_BODY_BYTES), type=_Said)
-    except (ValueError, RecursionError):
-        return None
+        raise RefusedError("Expected a name and a verdict, as JSON.", 400)
+    return await read_json(request, _Said, _MOST_BODY_BYTES)
 
 
 def serve_review(out: Path, port: int, ready: Callable[[str, str], None]) -> None:

@@ -1,0 +1,253 @@
+"""What the messages about the proposal and about the axis mean: moves, pairs of points, pieces, refinement.
+
+A drag asks for scores faster than they can be computed. Only the newest question of each tab is answered,
+on a lane of its own, so that nothing else waits for it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Float64, LaidPiece, Rigid2, RotationAxis, finite
+from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.repair import RefinedScore, fit_pairs
+from flatcloth.engine.sheet import Sheet, is_on_shape, place_of_piece
+from flatcloth.session.document import accept
+from flatcloth.session.ghosts import Ghost, Ghosts
+from flatcloth.session.machine import Command, Document, Nudge, Pending, Reopen, TakePart
+from flatcloth.viewer.modes.controller import PageController
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer
+from flatcloth.viewer.protocol.picture import Overlay, Picture
+from flatcloth.viewer.protocol.snapshot import center_uv_m
+from flatcloth.viewer.protocol.state import AxisInfo
+
+_STILL_MM = 0.05
+"""Smaller motions are reported as none. Chosen: half of the last digit shown."""
+_STILL_DEG = 0.005
+"""See ``_STILL_MM``."""
+
+
+class Previews:
+    """Sends a tab the score of a moved proposal; its newest question only. For the page's own thread."""
+
+    def __init__(self, page: PageController) -> None:
+        self._page = page
+        self._newest: dict[int, int] = {}  # the last question of each tab
+
+    def ask(self, client: int, asked: messages.Preview, document: Document, by: Rigid2) -> None:
+        """Answer with the score of the proposal moved ``by``, and that after refinement.
+
+        The page asks for it with each proposal, so that one that was decided meanwhile is no error.
+        """
+
+        def take(found: RefinedScore | str) -> None:
+            if isinstance(found, str):
+                self._page.tabs.tell(client, PreviewAnswer(id=asked.id, why=found))
+                return
+            answer = PreviewAnswer(
+                id=asked.id,
+                score=found.score.total,
+                apart_mm=found.score.apart_mm,
+                refined_score=found.refined_score.total,
+                refined_apart_mm=found.refined_score.apart_mm,
+            )
+            self._page.tabs.tell(client, answer)
+
+        def make() -> RefinedScore:
+            pending = asked_about(document, asked.view_index)
+            moved = replace(document, pending=replace(pending, nudge=by @ pending.nudge))
+            return self._page.integration.refined_score(moved)
+
+        self._newest[client] = asked.id
+        self._page.executor.compute(
+            "repair", make, take, "scoring the placement", lambda: self._newest[client] == asked.id
+        )
+
+
+def asked_about(document: Document, view_index: int) -> Pending:
+    """Return the proposal if it is the given view.
+
+    Raises
+    ------
+    FlatclothError
+        If it is not, or there is none.
+    """
+    pending = document.pending
+    if pending is None or pending.view_index != view_index:
+        raise FlatclothError("The proposal has changed; look again.")
+    return pending
+
+
+def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> Rigid2:
+    """Return the first placement of another component of the proposal: the method's, or the present one.
+
+    Raises
+    ------
+    FlatclothError
+        If the view has no such component.
+    """
+    parts = () if overlay is None else overlay.proposal.placement.parts
+    part = next((p for p in parts if p.component == component), None)
+    if overlay is None or overlay.proposal.view_index != pending.view_index or part is None:
+        raise FlatclothError(f"View {pending.view_index} has no part {component + 1} to place; look again.")
+    return pending.current_from_new if part.alignment is None else part.alignment.current_from_new
+
+
+def fitted(
+    document: Document, placed: tuple[Pending, Overlay] | None, pairs: messages.Pairs
+) -> tuple[Nudge | None, PairsAnswer]:
+    """Return the decision that fits pairs, if that is wanted, and the page's message about the fit.
+
+    The pairs' points of the proposal come in its own plane.
+
+    Raises
+    ------
+    FlatclothError
+        If the proposal is another by now, or is not drawn yet; if there are too few pairs, or they do not
+        determine a motion.
+    """
+    asked_about(document, pairs.view_index)
+    if placed is None:
+        raise FlatclothError("The proposal is being drawn; fit the pairs again in a moment.")
+    if len(pairs.new_uv_m) != len(pairs.shape_uv_m):
+        raise FlatclothError("Pairs need a point of the proposal and one of the shape each.")
+    pending, overlay = placed
+    own, there = (
+        np.array(uv_m, dtype=np.float64).reshape(-1, 2) for uv_m in (pairs.new_uv_m, pairs.shape_uv_m)
+    )
+    shown, nudge = overlay.shown(pending), None
+    fit = fit_pairs(shown.apply(own), there)
+    if pairs.fit:
+        nudge = Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of")
+        fit = fit_pairs((fit.by @ shown).apply(own), there)
+    residual_mm, fitted_mm = (1000 * fit.residual_m).tolist(), (1000 * fit.fitted_m).tolist()
+    return nudge, PairsAnswer(residual_mm=residual_mm, fitted_mm=fitted_mm, rms_mm=1000 * fit.rms_m)
+
+
+def refined_motion(pending: Pending, found: RefinedScore, center: Float64) -> tuple[Rigid2 | None, str]:
+    """Return the motion of a refinement, None if it is negligible, and a text for the operator."""
+    by = found.refined @ pending.current_from_new.inverse()
+    moved = by.apply(center) - center
+    shift_mm, turn_deg = 1000 * math.hypot(*moved.tolist()), math.degrees(abs(by.theta_rad))
+    if shift_mm < _STILL_MM and turn_deg < _STILL_DEG:
+        return None, "Refining from here changes nothing."
+    return by, (
+        f"Refined: moved by {shift_mm:.1f} mm and {turn_deg:.1f}\u00b0;"
+        f" score {found.score.total:.2f}, now {found.refined_score.total:.2f}."
+    )
+
+
+def turned_about(integration: Integration, axis: RotationAxis) -> str:
+    """Take a turning axis that was set by hand; return how well the views agree about it."""
+    integration.views.turn_about(axis)
+    try:
+        return f"The turning axis was set by hand. {integration.views.axis_agreement()}"
+    except FlatclothError as error:
+        return f"The turning axis was set by hand. {error}"
+
+
+def axis_info(axis: RotationAxis) -> AxisInfo:
+    """Return a turning axis as the camera of view 0 sees it."""
+    lean_deg = np.degrees(np.arcsin(axis.direction))
+    return AxisInfo(
+        right_m=float(axis.point_m[0]),
+        away_m=float(axis.point_m[2]),
+        lean_right_deg=float(lean_deg[0]),
+        lean_away_deg=float(lean_deg[2]),
+        estimated=axis.estimated,
+    )
+
+
+def meant_axis(axis: RotationAxis, message: messages.SetAxis) -> RotationAxis:
+    """Return the axis that a message describes in the place of another."""
+    right, away = np.sin(np.radians([message.lean_right_deg, message.lean_away_deg]))
+    up = np.copysign(np.sqrt(max(0.0, 1.0 - right**2 - away**2)), axis.direction[1])
+    return replace(
+        axis,
+        point_m=np.array([message.right_m, axis.point_m[1], message.away_m]),
+        direction=np.array([right, up, away]),
+        estimated=True,
+    )
+
+
+def joins(integration: Integration, document: Document) -> bool:
+    """Return whether the cloth of the proposal belongs to the shape, if it is accepted where it lies.
+
+    The shape with it is kept, so that accepting it takes no time.
+    """
+    pending = document.pending
+    assert pending is not None
+    made = integration.canonical(accept(document, None))
+    return is_on_shape(integration.views, made, pending.view_index, pending.component)
+
+
+def placed(document: Document, overlay: Overlay | None) -> tuple[Pending, Overlay] | None:
+    """Return the proposal with its picture, None while there is none."""
+    pending = document.pending
+    if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
+        return None
+    return pending, overlay
+
+
+def score_shown(picture: Picture | None, document: Document) -> float | None:
+    """Return the score of the present placement of the proposal, if that is shown."""
+    if picture is None or picture.overlay is None or picture.document is not document:
+        return None
+    return finite(picture.overlay.score.total)
+
+
+def meant(shown: tuple[Pending, Overlay] | None, asked: messages.Move) -> Rigid2:
+    """Return the nudge that the page means, whose turn is about the centre of the shown proposal."""
+    by = Rigid2(asked.theta_rad, asked.u_m, asked.v_m)
+    if shown is None:
+        return by
+    pending, overlay = shown
+    return overlay.meant(pending, by.about(np.array(center_uv_m(pending, overlay))))
+
+
+def placing_piece(
+    integration: Integration,
+    document: Document,
+    sheet: Sheet | None,
+    asked: messages.PlacePiece,
+    known: KnownGarment | None = None,
+    laid: Sequence[LaidPiece] = (),
+) -> tuple[tuple[Command, ...], Ghosts]:
+    """Return the decisions that make a floating piece the proposal, and where else it may belong.
+
+    ``known`` is the garment, if it was recognised; ``laid`` are the pieces that seams lay.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such piece, or only the start view shows it.
+    """
+    piece = next((p for p in (() if sheet is None else sheet.pieces) if p.label == asked.label), None)
+    if sheet is None or piece is None:
+        raise FlatclothError(f"There is no floating piece {asked.label!r:.20}; look again.")
+    accepted = [a.view_index for a in document.accepted]
+    found = place_of_piece(integration.views, piece, accepted)
+    plane_from_own = piece.sheet_from_plane.inverse() @ found.placement
+
+    def ghost(source: Literal["garment", "seams"], shape_from_piece: Rigid2, std_m: float) -> Ghost:
+        motion = shape_from_piece @ plane_from_own
+        return Ghost(source=source, theta_rad=motion.theta_rad, u_m=motion.u_m, v_m=motion.v_m, std_m=std_m)
+
+    is_known = known is not None and known.is_of(sheet.canonical)
+    own = known.found.pieces if known is not None and is_known else ()
+    places = [
+        *(ghost("garment", p.shape_from_piece, p.std_m) for p in own if p.index == piece.number - 1),
+        *(ghost("seams", p.shape_from_piece, p.std_m) for p in laid if p.index == piece.number - 1),
+    ]
+    own_placement = Rigid2(0.0, asked.u_m, asked.v_m) @ found.placement
+    commands = Reopen(found.view_index), TakePart(found.view_index, found.component, own_placement)
+    ghosts = Ghosts(view_index=found.view_index, component=found.component, places=tuple(places))
+    return commands, ghosts
