@@ -151,7 +151,7 @@ def integrate(
     watched = _cancelled_by(cancel, progress or no_progress)
     seconds: dict[str, float] = {}
     with contextlib.ExitStack() as stack:
-        with _timed(seconds, "opening"):
+        with timed(seconds, "opening"):
             integration = integration_of(recording, name, config)
             keeper: MemorySession | SessionFolder = MemorySession(SessionState(len(recording)))
             if folder is not None:
@@ -166,13 +166,13 @@ def integrate(
             run.on_view = lambda decision: show(
                 decision, Shape(replace(_data(service, keeper, {}), is_growing=True))
             )
-        with _timed(seconds, "integrating"):
+        with timed(seconds, "integrating"):
             document = run.finish(watched, cores or len(os.sched_getaffinity(0))).document
             integration.canonical(document)
         if both is not None:  # first, as the garment is recognised by the edges of both sides
-            with _timed(seconds, "other side"):
+            with timed(seconds, "other side"):
                 both.of(document, watched, cores or len(os.sched_getaffinity(0)))
-        with _timed(seconds, "garment"):
+        with timed(seconds, "garment"):
             watched(1.0, "recognising the garment")
             _recognise(service, keeper)
         scores = dict(earlier_scores(folder)) if folder else {}
@@ -243,7 +243,10 @@ def _cancelled_by(cancel: Callable[[], bool] | None, progress: Progress) -> Prog
 
 
 @contextlib.contextmanager
-def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+def timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+    """Add the wall time of the context to that of a name."""
     started = time.perf_counter()
-    yield
-    seconds[name] = time.perf_counter() - started
+    try:
+        yield
+    finally:
+        seconds[name] = seconds.get(name, 0.0) + time.perf_counter() - started

@@ -16,7 +16,7 @@ import numpy as np
 
 from flatcloth.core.decoding import Finite, MisfitError, fitted
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Intrinsics, RgbdFrame, Uint8
+from flatcloth.core.types import Intrinsics, RgbdFrame
 from flatcloth.recordings.base import Recording, ViewImages, altered
 
 T = TypeVar("T")
@@ -212,10 +212,13 @@ def mended(recording: Recording, mends: Mends) -> Recording:
             frame = dataclasses.replace(frame, depth_m=recording[depth_of[kept[view]]].depth_m)
         return _images(frame, mends)
 
+    k, f = recording.intrinsics, mends.focal_factor
+    for _ in range(mends.rotate // 90):
+        k = Intrinsics(width=k.height, height=k.width, fx=k.fy, fy=k.fx, cx=k.height - 1 - k.cy, cy=k.cx)
     return altered(
         recording,
         notes=(*getattr(recording, "notes", ()), f"Mended: {mends.words()}."),
-        intrinsics=_camera(recording.intrinsics, mends),
+        intrinsics=dataclasses.replace(k, fx=k.fx * f, fy=k.fy * f),
         angles_deg=tuple(angle - angles[0] for angle in angles),
         read=read,
         rotation_axis=None if mends.estimate_axis else recording.rotation_axis,
@@ -223,12 +226,6 @@ def mended(recording: Recording, mends: Mends) -> Recording:
         has_masks=recording.has_masks and not mends.without_masks,
         mends=mends,
     )
-
-
-def _camera(k: Intrinsics, mends: Mends) -> Intrinsics:
-    for _ in range(mends.rotate // 90):
-        k = Intrinsics(width=k.height, height=k.width, fx=k.fy, fy=k.fx, cx=k.height - 1 - k.cy, cy=k.cx)
-    return dataclasses.replace(k, fx=k.fx * mends.focal_factor, fy=k.fy * mends.focal_factor)
 
 
 def _images(frame: RgbdFrame, mends: Mends) -> ViewImages:
@@ -243,20 +240,15 @@ def _images(frame: RgbdFrame, mends: Mends) -> ViewImages:
         image = image[:, ::-1] if mends.mirror else image
         return np.ascontiguousarray(np.rot90(image, -(mends.rotate // 90)))  # numpy turns anticlockwise
 
-    color = scaled_color(frame.color, mends.color_scale, mends.color_shift)
+    color, scale = frame.color, mends.color_scale
+    if mends.color_shift != (0.0, 0.0) or scale != 1.0:  # about the middle; the border repeats
+        import cv2
+
+        rows, cols = color.shape[:2]
+        middle = np.array([(cols - 1) / 2, (rows - 1) / 2])
+        moved = np.column_stack([scale * np.eye(2), (1 - scale) * middle + mends.color_shift])
+        made = cv2.warpAffine(color, moved, (cols, rows), borderMode=cv2.BORDER_REPLICATE)
+        color = np.asarray(made, dtype=np.uint8)
     return ViewImages(
         turned(color), turned(depth_m), *(None if mask is None else turned(mask) for mask in masks)
     )
-
-
-def scaled_color(color: Uint8, scale: float, shift_px: tuple[float, float]) -> Uint8:
-    """Return color (H, W, 3), enlarged about the middle, moved right and down; the border repeats."""
-    if shift_px == (0.0, 0.0) and scale == 1.0:
-        return color
-    rows, cols = color.shape[:2]
-    middle = np.array([(cols - 1) / 2, (rows - 1) / 2])
-    moved = np.column_stack([scale * np.eye(2), (1 - scale) * middle + shift_px])
-    import cv2
-
-    made = cv2.warpAffine(color, moved, (cols, rows), borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(made, dtype=np.uint8)

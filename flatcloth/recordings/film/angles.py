@@ -344,37 +344,11 @@ def check_distinct(angles_deg: Sequence[float], where: str, names: Sequence[str]
             )
 
 
-# --- angles over time -----------------------------------------------------------------------------
-
 _TIMES_HELP = "Expected lines of two numbers: seconds since the first frame, and the angle in degrees."
 
 
-@dataclass(frozen=True, kw_only=True)
-class Turning:
-    """The angle (degrees) at times (s), both (N,) float64, times increasing; linear in between."""
-
-    times_s: Float64
-    angles_deg: Float64
-
-    def at(self, time_s: float) -> float:
-        """Return the angle at a time; it is constant before the first and after the last time."""
-        return float(np.interp(time_s, self.times_s, self.angles_deg))
-
-    def during(self, start_s: float, end_s: float) -> tuple[float, float]:
-        """Return the angle in a phase, and its change during the phase.
-
-        If the table has lines within the phase, only these are used: a table may have one line per
-        stop only, and between two stops the angle is unknown.
-        """
-        inside = (self.times_s >= start_s) & (self.times_s <= end_s)
-        angles = self.angles_deg[inside]
-        if angles.size == 0:
-            return self.at((start_s + end_s) / 2), 0.0
-        return float(np.median(angles)), float(np.ptp(angles))
-
-
-def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
-    """Read a table of times and angles.
+def read_turning(table: Path, first_clock_s: float, seconds: float) -> tuple[Float64, Float64]:
+    """Return the times (N,) in seconds, increasing, and the angles (N,) in degrees of a table of both.
 
     Parameters
     ----------
@@ -411,7 +385,7 @@ def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
     }
     origin_s = max(common_s, key=lambda origin: common_s[origin])
     if common_s[origin_s] >= 0:
-        return Turning(times_s=times_s - origin_s, angles_deg=angles_deg)
+        return times_s - origin_s, angles_deg
     raise RecordingError(
         f"{table}: its times ({times_s[0]:g} to {times_s[-1]:g} s) do not match the recording "
         f"(0 to {seconds:.1f} s). Count seconds from its first frame, or use the camera's clock."

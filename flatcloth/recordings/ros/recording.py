@@ -151,7 +151,8 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
     bag = Bag(path)
     color, depth = _choose(path, bag)
     camera = _camera(path, color, depth)
-    (color_places, color_s), (depth_places, depth_s) = map(_times, bag.stamps(color.name, depth.name))
+    color_at, depth_at = bag.stamps(color.name, depth.name)
+    color_s, depth_s = ([time_s for _, time_s in at] for at in (color_at, depth_at))
     # Half the interval between frames; frames of a still item may be a little farther apart.
     interval_s = float(np.median(np.diff(np.sort(color_s)))) if len(color_s) > 1 else _MOST_APART_S
     pairs = pair_by_time(color_s, depth_s, min(max(0.5 * interval_s, 0.005), _MOST_APART_S))
@@ -164,7 +165,7 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
     shots = Shots(source=str(path), count=len(pairs), times_s=taken_s)
 
     def made(chosen: list[tuple[int, float]]) -> Recording:
-        places = [(color_places[pairs[n][0]], depth_places[pairs[n][1]]) for n, _ in chosen]
+        places = [(color_at[pairs[n][0]][0], depth_at[pairs[n][1]][0]) for n, _ in chosen]
         names = (color.name, depth.name)
         return Recording(
             name=one_line(path.stem) or "recording",
@@ -195,12 +196,6 @@ def _read(path: Path, bag: Bag, camera: Camera, view_index: int, places: dict[st
     if not depth_m.any():
         fail("no depth", "Record the view again.")
     return ViewImages(camera.lens.undistort(color, blend=True), depth_m)
-
-
-def _times(stamps: list[tuple[Place, float]]) -> tuple[list[Place], list[float]]:
-    """Return the positions and times; the times of writing if no message has a stamp."""
-    stamped = any(time for _, time in stamps)
-    return [p for p, _ in stamps], [t if stamped else 1e-9 * p.written_ns for p, t in stamps]
 
 
 def _choose(path: Path, bag: Bag) -> tuple[_Topic, _Topic]:
@@ -239,10 +234,8 @@ def _choose(path: Path, bag: Bag) -> tuple[_Topic, _Topic]:
 
 
 def _of_one_camera(color: _Topic, depth: _Topic) -> bool:
-    if color.size != depth.size:
-        return False
-    if color.info is None or depth.info is None:
-        return True
+    if color.size != depth.size or color.info is None or depth.info is None:
+        return color.size == depth.size
     a, b = _matrix(color), _matrix(depth)
     return bool(np.allclose(a[:2, :2], b[:2, :2], rtol=0.01) and np.allclose(a[:2, 2], b[:2, 2], atol=2.0))
 
