@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,27 +15,8 @@ from flatcloth.export.garment import upright_rad
 from flatcloth.rendering.drawing import data_url
 
 if TYPE_CHECKING:
-    from flatcloth.export.session import SessionData
+    from flatcloth.api.shape import Shape
     from flatcloth.grasping.grasps import GraspPose
-    from flatcloth.session.journal import Pick
-
-
-class Shown(Protocol):
-    """What is shown of a :class:`flatcloth.Shape`, and asked."""
-
-    @property
-    def data(self) -> SessionData:
-        """The recording with its decisions."""
-
-    def lines(self) -> list[str]:
-        """Return the summary."""
-
-    def named_points(self) -> dict[str, Pick]:
-        """Return the named points that were seen."""
-
-    def grasp(self, row: int, col: int) -> GraspPose:
-        """Return the grasp pose at a pixel."""
-
 
 _MARGIN_PX = 12.0
 """Margin of the pictures around the cloth, so that marks at its rim are whole. Chosen."""
@@ -43,7 +24,7 @@ _WIDTH_PX = 360
 """Width of the picture in a cell. Chosen: leaves room for the summary."""
 
 
-def html_of(shape: Shown) -> str:
+def html_of(shape: Shape) -> str:
     """Return the flat image with the named points and picks, and the summary, as HTML."""
     rows, cols = shape.data.canonical.view.valid.shape
     radius = max(rows, cols) / 90
@@ -63,7 +44,7 @@ def html_of(shape: Shown) -> str:
     return f'<div style="display:flex;gap:1em;flex-wrap:wrap">{picture}{text}</div>'
 
 
-def turned_upright(shape: Shown) -> tuple[str, str]:
+def turned_upright(shape: Shape) -> tuple[str, str]:
     """Return the transform that turns the picture upright, and the box around the cloth, as SVG has them."""
     turn_rad = upright_rad(shape.data.garment)
     pixels = np.argwhere(shape.data.canonical.view.valid)[:, ::-1] + 0.5
@@ -73,12 +54,12 @@ def turned_upright(shape: Shown) -> tuple[str, str]:
     return f"rotate({np.degrees(turn_rad):.2f})", box
 
 
-def image_of(shape: Shown) -> str:
+def image_of(shape: Shape) -> str:
     """Return the flat image as a data URL."""
     return data_url(png_bytes(shape.data.canonical.view.rgb, shape.data.canonical.view.valid), "image/png")
 
 
-def marks_of(shape: Shown) -> list[dict[str, Any]]:
+def marks_of(shape: Shape) -> list[dict[str, Any]]:
     """Return the named points and the picks that lie on the shape: name, row and column."""
     from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 
@@ -90,7 +71,7 @@ def marks_of(shape: Shown) -> list[dict[str, Any]]:
     return found
 
 
-def widget_of(shape: Shown) -> Any:
+def widget_of(shape: Shape) -> Any:
     """Return a widget of a shape; see :meth:`flatcloth.Shape.widget`."""
     try:
         import anywidget

@@ -25,12 +25,11 @@ from flatcloth import __version__
 from flatcloth.api.integrating import integrate, timed
 from flatcloth.api.shape import Shape
 from flatcloth.batch.rows import DONE, FAILED, MEMORY, UNFINISHED, next_attempt, read_row, write_row
-from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
+from flatcloth.batch.tasks import Task, content_signature, quick_signature
 from flatcloth.checking.check import checked
 from flatcloth.core.errors import FlatclothError, JournalError, os_errors_as
 from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.memory import trim
-from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.subprocess_worker import memory_limit_bytes
 from flatcloth.core.types import FlattenedView, Float64, Progress
 from flatcloth.engine.integration import Integration
@@ -80,7 +79,9 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
                 return {**kept, "again": False}
             if not folder.exists():
                 row = {**row, **next_attempt(None), "earlier": None}
-            _begin(folder, task, row)
+            # What is begun is written, so that it is known if this process is killed.
+            write_row({**row, "outcome": UNFINISHED, "reason": "it runs, or its worker was killed."}, folder)
+            (folder / ERROR_FILE).unlink(missing_ok=True)
         row |= _integrated(task, folder, seconds, progress)
         row["outcome"] = DONE
     except FlatclothError as error:
@@ -183,25 +184,13 @@ def _kept(folder: Path, row: Mapping[str, Any], *, again: bool) -> dict[str, Any
         kept["quick"] = row["quick"]  # the files were touched, but are the same
         write_row(kept, folder)
         return kept
-    begun = None
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-        begun = json.loads(read_plain(folder / TASK_FILE))["content"]
+    begun = None if kept is None else kept.get("content")
     if folder.exists() and (again or begun != row["content"]):  # an operator's decisions are in it
         place = folder.parent / SUPERSEDED / f"{folder.name}-{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
         with os_errors_as(FlatclothError, f"{folder}: cannot be moved to {place}", "Move it by hand."):
             place.parent.mkdir(exist_ok=True)
             folder.rename(place)
     return None
-
-
-def _begin(folder: Path, task: Task, row: Mapping[str, Any]) -> None:
-    """Write what is begun, so that it is known if this process is killed."""
-    with os_errors_as(FlatclothError, f"{folder}: cannot be written", "Choose another --out."):
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        text = json.dumps({**task.to_dict(), "content": row["content"]}, indent=1) + "\n"
-        replace_file(folder / TASK_FILE, text.encode())
-        (folder / ERROR_FILE).unlink(missing_ok=True)
-    write_row({**row, "outcome": UNFINISHED, "reason": "it runs, or its worker was killed."}, folder)
 
 
 # --- errors, and limits of the process -------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -91,7 +91,10 @@ def run(options: Options) -> None:
             session = open_session(
                 options.session, options.recording, bar.show, options=options.source_options()
             )
-            data = session.data(base_from_camera, options.rotation)
+            frames = replace(session.data.frames, base_from_camera=base_from_camera)
+            if options.rotation is not None:
+                frames = replace(frames, rotation_deg=options.rotation)
+            data = replace(session.data, frames=frames)
             for name in wanted:
                 _write(name, session, data, getattr(options, name))
                 written.append(getattr(options, name))
@@ -135,10 +138,10 @@ def _write(name: str, session: OpenedSession, data: SessionData, path: Path) -> 
 
             write_mcap(session, path)
         case "grasps":
-            write_file(path, data.file("grasps.json") or b"")
+            write_file(path, data.files()["grasps.json"]())
         case "outline":
             write_file(path, made(session, f"outline{path.suffix.lower()}"))
         case _:
-            if name == "garment" and isinstance(session.garment, str):
-                raise GarmentError(session.garment)
+            if name == "garment" and isinstance(session.data.garment, str):
+                raise GarmentError(session.data.garment)
             write_file(path, made(session, _NAMES[name]))

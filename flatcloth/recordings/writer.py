@@ -401,7 +401,7 @@ def write_masks(
             raise RecordingError(f"{folder}: not empty. Choose a new or an empty folder.")
         for n in range(len(recording)):
             progress(n / len(recording), f"writing mask {n}")
-            mask = recording[n].mask
+            mask = np.asarray(recording[n].mask)
             (folder / f"{n:03d}.png").write_bytes(_png(np.where(mask, 255, 0).astype(np.uint8)))
         (folder / _REPORT).write_text(json.dumps(dict(report), indent=1) + "\n")
     return len(recording)

@@ -229,7 +229,14 @@ def legend(
         lacking = {"place": "Not provided by this method", "truth": "No kit was recorded"}
         return {"kind": "classes", "title": lacking.get(layer, "Not measured"), "classes": []}
     if layer == "source":
-        return {"kind": "classes", "title": "Source view", "classes": _sources(view, angles_deg)}
+        colors = view_colors(len(angles_deg))
+        used = sorted({int(i) for i in np.unique(view.view_index[view.valid])} - {-1})
+        classes = [
+            {"label": f"{i} ({angles_deg[i]:g}°)", "color": hex_of(colors[i])}
+            for i in used
+            if i < len(angles_deg)
+        ]
+        return {"kind": "classes", "title": "Source view", "classes": classes}
     if layer == "color":
         return {"kind": "none", "title": "Color"}
     scalar = SCALARS[layer]
@@ -254,16 +261,6 @@ def difference_legend(kind: str) -> dict[str, Any]:
         case "position":
             return _ramp("Distance in 3D (mm)", "loss", 0.0, 1000.0 * ERROR_SPAN_M)
     raise FlatclothError(f"Unknown difference {kind!r:.40}; choose one of {', '.join(DIFFERENCES)}.")
-
-
-def _sources(view: FlattenedView, angles_deg: tuple[float, ...]) -> list[dict[str, str]]:
-    colors = view_colors(len(angles_deg))
-    used = sorted({int(i) for i in np.unique(view.view_index[view.valid])} - {-1})
-    return [
-        {"label": f"{i} ({angles_deg[i]:g}°)", "color": hex_of(colors[i])}
-        for i in used
-        if i < len(angles_deg)
-    ]
 
 
 def _ramp(title: str, own_map: str, low: float, high: float) -> dict[str, Any]:

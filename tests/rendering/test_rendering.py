@@ -17,7 +17,6 @@ from flatcloth.rendering.sides import (
     OUTSIDE_RGBA,
     THIS_RGBA,
     UNDECIDED_RGBA,
-    certainty_rgba,
     shape_rgba,
     side_rgba,
     small_side_rgba,
@@ -113,7 +112,7 @@ def test_doubt_is_opaque_and_certainty_is_clear() -> None:
 
 
 def test_the_certainty_of_a_view_shows_the_item_only() -> None:
-    image = certainty_rgba(SIDE, np.full(SIDE.shape, 0.5, np.float32), (0, 0), SIDE.shape)
+    image = side_rgba(SIDE, np.full(SIDE.shape, 0.5, np.float32), (0, 0), SIDE.shape, doubt=True)
     assert image[0, 0, 3] == 220
     assert image[0, 2, 3] == 0
 

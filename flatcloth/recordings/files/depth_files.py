@@ -92,13 +92,8 @@ def read_pcd_header(path: Path) -> ImageHeader:
 def read_pcd(path: Path) -> OrganisedCloud:
     """Read an organised cloud: ascii, binary or binary_compressed."""
     header = read_pcd_header(path)
-    try:
-        open3d = load_with_libusb("open3d")
-    except (ImportError, OSError) as error:
-        raise RecordingError(
-            f"{path}: the library open3d, which reads it, is missing ({error}). "
-            "Run: pip install 'flatcloth[synthesis]'"
-        ) from error
+    need = f"{path}: needs the library open3d"
+    open3d = load_with_libusb("open3d", RecordingError, need, "'flatcloth[synthesis]'")
     with damage_told(path):
         # Its readers of tensors write past their memory where a field has several values.
         cloud = open3d.io.read_point_cloud(str(path), format="pcd", remove_nan_points=False)
