@@ -33,8 +33,8 @@ from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import GraspPose
 from flatcloth.methods.answers import JoinedSides
-from flatcloth.rendering.drawing import data_url, png_of
-from flatcloth.rendering.layers import LAYERS
+from flatcloth.rendering.drawing import data_url
+from flatcloth.rendering.layers import LAYERS, png
 
 
 def report(session: OpenedSession) -> str:
@@ -144,7 +144,7 @@ def _decisions(session: OpenedSession) -> Iterable[str]:
 
 def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     angle = session.integration.recording.angles_deg[decision.view_index]
-    picture = data_url(png_of(figures.picture_before(session, decision).rgba), "image/png")
+    picture = data_url(png(figures.picture_before(session, decision).rgba), "image/png")
     verdict = figures.verdict_text(decision).removeprefix(decision.verdict)
     about = f"View {decision.view_index} placed on the shape"
     gone = "" if decision.stands else " gone"

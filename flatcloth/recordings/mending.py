@@ -168,19 +168,18 @@ def options_of(kind: type[T], values: Mapping[str, Any], where: str) -> T:
 
 
 def _untexted(value: Any, kind: str) -> Any:
-    if isinstance(value, str) and kind.startswith("tuple"):
-        return [each for item in value.replace(",", " ").split() for each in _listed(item)]
-    return {"yes": True, "no": False}.get(str(value).lower(), value) if kind.startswith("bool") else value
-
-
-def _listed(item: str) -> list[Any]:
-    """Return what an item of a list says: itself, a pair, or the pairs of a run of views (``0-34=1-35``)."""
-    if run := re.fullmatch(r"(\d+)-(\d+)=(\d+)-(\d+)", item, re.ASCII):
-        one, last, other, its_last = map(int, run.groups())
+    if not isinstance(value, str) or not kind.startswith("tuple"):
+        return {"yes": True, "no": False}.get(str(value).lower(), value) if kind.startswith("bool") else value
+    listed: list[Any] = []
+    for item in value.replace(",", " ").split():  # a value, a pair, or the pairs of a run (``0-34=1-35``)
+        run = re.fullmatch(r"(\d+)-(\d+)=(\d+)-(\d+)", item, re.ASCII)
+        one, last, other, its_last = map(int, run.groups()) if run else (0, -1, 0, 0)
         if 0 <= last - one == abs(its_last - other) < 10_000:
             way = 1 if other <= its_last else -1
-            return [(one + n, other + way * n) for n in range(last - one + 1)]
-    return [item.split("=") if "=" in item else item]
+            listed += [(one + n, other + way * n) for n in range(last - one + 1)]
+        else:
+            listed.append(item.split("=") if "=" in item else item)
+    return listed
 
 
 def mended(recording: Recording, mends: Mends) -> Recording:

@@ -151,12 +151,13 @@ def difference_rgba(difference: Difference, kind: str, appearance: Appearance = 
 
 
 def png(image: Uint8) -> bytes:
-    """Encode an RGBA image (H, W, 4) as PNG, optimised for speed."""
+    """Encode an image (H, W, 3 or 4) as PNG, optimised for speed."""
     import cv2
 
     # Run-length encoding alone is faster than matching, and smaller for flat layers and camera noise.
     fast = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
-    done, data = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA), fast)
+    code = cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR
+    done, data = cv2.imencode(".png", cv2.cvtColor(image, code), fast)
     if not done:
         raise FlatclothError("A layer could not be encoded as PNG; see the log.")
     return bytes(data)

@@ -10,7 +10,7 @@ import numpy as np
 
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3, camera_from_object
-from flatcloth.core.types import Bool, Float64, Intrinsics, Progress, RotationAxis, Uint8, no_progress
+from flatcloth.core.types import Bool, Float64, Intrinsics, Progress, Uint8, no_progress
 from flatcloth.recordings.writer import RecordingWriter, Uint16
 from flatcloth.registration.axis import THREADS
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel
@@ -129,7 +129,7 @@ def synthesize(request: Request, progress: Progress = no_progress) -> HungItem:
 
     def seen(n: int) -> CellView:
         points_m = twisted(item.hung, turning.twist_deg[n])
-        return item.look(turning.camera_from_view0[n], points_m, np.random.default_rng([request.seed, 2, n]))
+        return item.seen(turning.camera_from_view0[n], points_m, np.random.default_rng([request.seed, 2, n]))
 
     with (
         RecordingWriter(
@@ -216,7 +216,7 @@ class HungItem:
         reach_m = float(np.hypot(offset_m[:, 0], offset_m[:, 2]).max()) + _BESIDE_M
         self._range_m = (max(request.distance_m - reach_m, _NEAREST_M), request.distance_m + reach_m)
 
-    def look(self, pose: Rigid3, points_m: Float64, random: np.random.Generator) -> CellView:
+    def seen(self, pose: Rigid3, points_m: Float64, random: np.random.Generator) -> CellView:
         """Return what the camera sees of the vertices (N, 3), moved from where they hang into a pose.
 
         Raises
@@ -315,7 +315,7 @@ def _warnings(hung: Hung, panels: tuple[FlatPanel, ...], camera: Intrinsics) -> 
 # --- a simulated cell -----------------------------------------------------------------------------
 
 
-class Cell:
+class Cell(HungItem):
     """A mesh on a simulated turntable; see the command ``active --cell``.
 
     ``points_m`` are its vertices (N, 3) as they hang at the start angle 0, camera frame; for evaluation.
@@ -344,22 +344,20 @@ class Cell:
     """
 
     def __init__(self, request: Request, start_deg: float = 0.0, *, most_seen: bool = False) -> None:
-        self._request, self._start_deg = request, start_deg
-        self._item = item = HungItem(request)
+        super().__init__(request)
+        self._start_deg, self.depth_scale_m, hung = start_deg, self.depth_unit_m, self.hung
+        self.name = f"cell with {request.mesh.name.partition('.')[0]}"
+        self.intrinsics: Intrinsics = request.camera
+        self.axis, self.held_point_m, self.points_m = hung.axis, hung.held_point_m, hung.points_m
         if most_seen:
             pixels = np.zeros(2)
             for angle_deg in (0.0, 90.0, 180.0, 270.0):
-                pose = camera_from_object(item.hung.axis, angle_deg)
-                placed = pose.apply_with_normal(item.hung.points_m, item.normals)
-                view = item.scene.view(request.camera, *placed)
+                placed = camera_from_object(self.axis, angle_deg).apply_with_normal(
+                    hung.points_m, self.normals
+                )
+                view = self.scene.view(request.camera, *placed)
                 pixels += [(view.outer & (view.panel == panel)).sum() for panel in (1, 2)]
-            item.panel_of_interest = int(pixels.argmax()) + 1
-        self.name = f"cell with {request.mesh.name.partition('.')[0]}"
-        self.intrinsics: Intrinsics = request.camera
-        self.depth_scale_m = self._item.depth_unit_m
-        self.axis: RotationAxis = self._item.hung.axis
-        self.held_point_m: Float64 = self._item.hung.held_point_m
-        self.points_m: Float64 = self._item.hung.points_m
+            self.panel_of_interest = int(pixels.argmax()) + 1
 
     def look(self, angle_deg: float, number: int) -> CellView:
         """Turn the item to an angle, and return what the camera sees.
@@ -376,7 +374,7 @@ class Cell:
         SynthesisError
             If the item is not in the image.
         """
-        seed, hung = self._request.seed, self._item.hung
-        sway, error_deg = astray(hung, self._request.loose, np.random.default_rng([seed, 1, number]))
+        seed, hung = self.request.seed, self.hung
+        sway, error_deg = astray(hung, self.request.loose, np.random.default_rng([seed, 1, number]))
         pose = sway @ camera_from_object(self.axis, self._start_deg + angle_deg + error_deg)
-        return self._item.look(pose, hung.points_m, np.random.default_rng([seed, 2, number]))
+        return self.seen(pose, hung.points_m, np.random.default_rng([seed, 2, number]))

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 from viewer_fakes import HEIGHT_M, PIXEL_M, RADIUS_M, CylinderRecording, cylinder_view
 
-from flatcloth.rendering.drawing import png_of, webp_of
-from flatcloth.rendering.layers import difference
+from flatcloth.rendering.drawing import webp_of
+from flatcloth.rendering.layers import difference, png
 from flatcloth.rendering.sides import (
     OTHER_RGBA,
     OUTSIDE_RGBA,
@@ -73,7 +73,7 @@ def test_a_small_picture_is_exact_where_it_is_opaque_and_smaller_than_a_png(coun
     pixels[:20] = 0
     made = webp_of(pixels)
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(made)).convert("RGBA")), pixels)
-    assert len(made) < len(png_of(pixels))
+    assert len(made) < len(png(pixels))
 
 
 # --- sides ----------------------------------------------------------------------------------------

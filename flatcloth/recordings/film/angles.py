@@ -103,12 +103,23 @@ class GivenAngles:
         table = self._table(folder)
         if table is not None:
             return _from_table(table, shots, self.factor)
-        if self.step_deg is None:
+        step_deg = self.step_deg
+        if step_deg is None:
             raise RecordingError(
                 f"{shots.source}: the angles of its {shots.count} views are not known. "
                 "Give --step DEG, or --angles FILE.csv."
             )
-        return _from_step(self.step_deg, shots)
+        if not TOLERANCE_DEG <= abs(step_deg) <= 180:
+            raise RecordingError(f"--step {step_deg:g}: give 0.01 to 180 degrees from view to view.")
+        if _is_film(shots, step_deg):
+            turns = shots.count * abs(step_deg) / 360.0
+            raise RecordingError(
+                f"{shots.source}: its {shots.count} images make {turns:.1f} turns with --step {step_deg:g}. "
+                "If it is a film with stops, name one view for each stop: --angles FILE.csv."
+            )
+        turned = [(place - shots.places[0]) * step_deg for place in list(shots.places)[:MAX_VIEWS]]
+        # Images after a full turn repeat earlier angles.
+        return [(n, angle) for n, angle in enumerate(turned) if abs(angle) <= 360.0 - TOLERANCE_DEG]
 
     def notes(self, folder: Path | None = None) -> list[str]:
         """Return a note on the columns of the table that are not understood, if there are any."""
@@ -163,20 +174,6 @@ def left_out(shots: Shots, views: Sequence[tuple[int, float]]) -> tuple[str, ...
     if gaps > 0:
         notes.append(f"{gaps} of the numbers in the names are missing between the views: steps count them.")
     return tuple(notes)
-
-
-def _from_step(step_deg: float, shots: Shots) -> list[tuple[int, float]]:
-    if not TOLERANCE_DEG <= abs(step_deg) <= 180:
-        raise RecordingError(f"--step {step_deg:g}: give 0.01 to 180 degrees from view to view.")
-    if _is_film(shots, step_deg):
-        turns = shots.count * abs(step_deg) / 360.0
-        raise RecordingError(
-            f"{shots.source}: its {shots.count} images make {turns:.1f} turns with --step {step_deg:g}. "
-            "If it is a film with stops, name one view for each stop: --angles FILE.csv."
-        )
-    turned = [(place - shots.places[0]) * step_deg for place in list(shots.places)[:MAX_VIEWS]]
-    # Images after a full turn repeat earlier angles.
-    return [(n, angle) for n, angle in enumerate(turned) if abs(angle) <= 360.0 - TOLERANCE_DEG]
 
 
 def _is_film(shots: Shots, step_deg: float) -> bool:

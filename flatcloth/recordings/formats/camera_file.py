@@ -203,8 +203,16 @@ class _Description:
         elif meaning == "model":
             if str(value).lower().replace("_", "") not in WORDS["lens"]["projections"]:
                 self._models[place] = value
-        elif meaning == "scale":
-            self._keep(meaning, place, self._units_per_m(place, value, numbers))
+        elif meaning == "scale":  # given so, as metres per unit, or by the unit's name
+            named = WORDS["units_per_m"].get(str(value).lower(), 0.0)
+            units = numbers[0] if numbers else named
+            units = 1.0 / units if 1e-6 <= units <= 0.01 else units
+            if not 10 <= units <= 1e6 and (numbers or not named):
+                self._fail(
+                    f"{shortened(place)} is {shortened(value)}",
+                    "Give the depth units per metre, 1000 for millimetres, or metres per unit, 0.001.",
+                )
+            self._keep(meaning, place, units)
         elif numbers is None:
             self._fail(f"{shortened(place)} is {shortened(value)}", "Expected a number, or a list of them.")
         elif meaning in ("distortion", "projection", "size"):
@@ -243,20 +251,6 @@ class _Description:
             besides = "".join(note.partition(":")[2] for note in unused(self._where, self._spare))
             self._fail(f"{name} is missing", f"Write it, or intrinsic_matrix.{besides}")
         return float(value)
-
-    def _units_per_m(self, place: str, value: Any, numbers: list[float] | None) -> float:
-        """Return the units of depth per metre: given so, as metres per unit, or by the unit's name."""
-        found = numbers[0] if numbers else WORDS["units_per_m"].get(str(value).lower(), 0.0)
-        if not numbers and found:
-            return found
-        if 1e-6 <= found <= 0.01:
-            return 1.0 / found
-        if not 10 <= found <= 1e6:
-            self._fail(
-                f"{shortened(place)} is {shortened(value)}",
-                "Give the depth units per metre, 1000 for millimetres, or metres per unit, 0.001.",
-            )
-        return found
 
     def _distortion(self) -> tuple[list[float], Any]:
         """Return the coefficients, and the model by name; without one it is OpenCV's for their number."""

@@ -88,7 +88,16 @@ def _decompressed(message: Any) -> NDArray[Any]:
         raise UnreadableImageError(f"is cut off ({form})")
     _, a, b = _PREFIX.unpack_from(data.data)
     data = data[_PREFIX.size :]
-    pixels = _from_rvl(data) if "rvl" in form else _picture(data, form)
+    if "rvl" in form:
+        from flatcloth.recordings.ros.rvl import unpack_rvl  # compiled, so imported only when needed
+
+        (width, height), words = _RVL_SIZE.unpack_from(data.data), data[_RVL_SIZE.size :]
+        pixels = np.zeros(width * height if width * height <= MOST_PIXELS else 0, dtype=np.uint16)
+        if not pixels.size or not unpack_rvl(words[: words.size // 4 * 4].view("<u4"), pixels):
+            raise UnreadableImageError("is damaged (RVL)")
+        pixels = pixels.reshape(height, width)
+    else:
+        pixels = _picture(data, form)
     if not form.startswith("32FC1"):
         return pixels
     known = pixels > 0
@@ -104,17 +113,6 @@ def _picture(data: Uint8, form: str) -> NDArray[Any]:
     if pixels is None:
         raise UnreadableImageError(f"cannot be decoded ({form})")
     return pixels
-
-
-def _from_rvl(data: Uint8) -> NDArray[np.uint16]:
-    from flatcloth.recordings.ros.rvl import unpack_rvl  # compiled, so imported only when needed
-
-    width, height = _RVL_SIZE.unpack_from(data.data)
-    words = data[_RVL_SIZE.size :]
-    out = np.zeros(width * height if width * height <= MOST_PIXELS else 0, dtype=np.uint16)
-    if not out.size or not unpack_rvl(words[: words.size // 4 * 4].view("<u4"), out):
-        raise UnreadableImageError("is damaged (RVL)")
-    return out.reshape(height, width)
 
 
 _TRANSPORTS = ("/compressed", "/compressedDepth")
@@ -242,11 +240,10 @@ def _of_one_camera(color: _Topic, depth: _Topic) -> bool:
 
 def _rank(color: _Topic, depth: _Topic) -> tuple[Any, ...]:
     parts = zip(color.name.split("/"), depth.name.split("/"), strict=False)
-    together = len(list(takewhile(lambda pair: pair[0] == pair[1], parts)))
     return (
         color.info is None,
         not any(word in depth.name for word in _REGISTERED),
-        -together,
+        -len(list(takewhile(lambda pair: pair[0] == pair[1], parts))),
         not _is_rectified(color),
         color.name.endswith(_TRANSPORTS) + depth.name.endswith(_TRANSPORTS),
         color.name,
