@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -46,8 +45,6 @@ from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-
-_FLOATING = re.compile(r"floating-[1-9][0-9]{0,2}\.npz")
 
 
 @dataclass(frozen=True)
@@ -143,11 +140,6 @@ class SessionData:
         written = write_files(files, folder, threads)
         remove_stale(files, folder)
         return written
-
-
-def is_floating_file(name: str) -> bool:
-    """Return whether a name is that of a floating piece's file."""
-    return _FLOATING.fullmatch(name) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
