@@ -272,7 +272,7 @@ class Shape:
         """Return the picture that a notebook shows for a shape."""
         from flatcloth.api.notebook import html_of
 
-        return html_of(self)
+        return html_of(self.data, self.named_points(), self.lines())
 
     def widget(self) -> Any:
         """Return a widget for notebooks: the flat image, on which clicks pick points.
@@ -289,7 +289,7 @@ class Shape:
         """
         from flatcloth.api.notebook import widget_of
 
-        return widget_of(self)
+        return widget_of(self.data, self.named_points(), self.grasp)
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
