@@ -235,7 +235,11 @@ def choose_next(
         beyond_m2 = novel * (its.new_m2 + its.seams_m2)
         gains = gains + beyond_m2
         grown = 1.0 + scale * (new_m2 + beyond_m2) / max(knowledge.area_m2 + its.area_m2, least_m2)
-        shares = _by_either(shares, its.shares, novel)
+        # Novel is the probability that a view shows other cloth than the last one showed, which is not in the
+        # other side's shape yet.
+        for name in {*shares} & {*its.shares}:
+            (new, again), (its_new, its_again) = shares[name], its.shares[name]
+            shares[name] = 1.0 - (1.0 - new) * (1.0 - novel * its_new), np.maximum(again, its_again)
     after = {n: expected_std_m(knowledge.point(n).std_m, *share, grown) for n, share in shares.items()}
     # Which garment it is, and where a point is, must be known to say that nothing shows it there.
     settled = [n for n in shares if knowledge.probability >= SURE and knowledge.point(n).std_m <= APART_M]
@@ -248,13 +252,18 @@ def choose_next(
         gains = lessened * (joins if other is None else np.maximum(joins, novel))
     best = int((gains / np.array([seconds_of(turn) for turn in turns])).argmax())
     points_m = {name: float(std[best]) for name, std in after.items()}
-    why = _why(kept * float(new_m2[best]), rated[best].overlap_m2, knowledge, points_m, hidden)
+    why = [
+        f"{name} from +-{1e3 * knowledge.point(name).std_m:.0f} to about +-{1e3 * std_m:.0f} mm; "
+        for name, std_m in points_m.items()
+        if name not in hidden
+    ]
+    why.append(f"{1e4 * kept * new_m2[best]:.0f} cm2 new, {1e4 * rated[best].overlap_m2:.0f} cm2 in common")
     if other is not None:
-        why += f", {1e4 * kept * beyond_m2[best]:.0f} cm2 of the other side"
+        why.append(f", {1e4 * kept * beyond_m2[best]:.0f} cm2 of the other side")
     return Next(
         angle_deg=free[best],
         turn_deg=float(turns[best]),
-        why=why,
+        why="".join(why),
         new_m2=scale * float(new_m2[best]),
         overlap_m2=rated[best].overlap_m2,
         most_new_m2=scale * float((new_m2 + beyond_m2).max()),
@@ -293,19 +302,6 @@ def _shares(
     return shares
 
 
-def _by_either(own: dict[str, Shares], its: dict[str, Shares], novel: Float64) -> dict[str, Shares]:
-    """Return the shares of the cloth around points that views show on this side, or on the other.
-
-    ``novel`` (K,) is the probability that a view shows other cloth than the last one showed, which is not in
-    the other side's shape yet.
-    """
-    both = dict(own)
-    for name in {*own} & {*its}:
-        (new, again), (its_new, its_again) = own[name], its[name]
-        both[name] = 1.0 - (1.0 - new) * (1.0 - novel * its_new), np.maximum(again, its_again)
-    return both
-
-
 def expected_std_m(std_m: float, new: Float64, again: Float64, grown: Float64) -> Float64:
     """Return the expected standard deviation (K,) of a point after views.
 
@@ -315,22 +311,6 @@ def expected_std_m(std_m: float, new: Float64, again: Float64, grown: Float64) -
     seen_m2 = min(std_m, OUTLINE_STD_M) ** 2
     after: Float64 = np.sqrt(seen_m2 + (1.0 - new) * (1.0 - AGAIN * again) / grown * (std_m**2 - seen_m2))
     return after
-
-
-def _why(
-    new_m2: float,
-    overlap_m2: float,
-    knowledge: Knowledge,
-    points_m: dict[str, float],
-    hidden: Sequence[str],
-) -> str:
-    parts = [
-        f"{name} from +-{1e3 * knowledge.point(name).std_m:.0f} to about +-{1e3 * std_m:.0f} mm"
-        for name, std_m in points_m.items()
-        if name not in hidden
-    ]
-    parts.append(f"{1e4 * new_m2:.0f} cm2 new, {1e4 * overlap_m2:.0f} cm2 in common")
-    return "; ".join(parts)
 
 
 # --- the end --------------------------------------------------------------------------------------

@@ -102,6 +102,10 @@ class PointKnown:
         """Return whether it is known: its cloth was seen, and its place is sure enough."""
         return self.seen and self.std_m <= within_m
 
+    def __str__(self) -> str:
+        known = f"+-{1e3 * self.std_m:.0f} mm" + ("" if self.seen else ", not seen")
+        return known if math.isfinite(self.std_m) else "unknown"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Knowledge:
@@ -159,13 +163,7 @@ class Knowledge:
             return f"{1e4 * self.area_m2:.0f} cm2"
         if goal.about == "kind":
             return kind
-        return f"{kind}; " + ", ".join(f"{name} {_described(self.point(name))}" for name in goal.points)
-
-
-def _described(point: PointKnown) -> str:
-    if not math.isfinite(point.std_m):
-        return "unknown"
-    return f"+-{1e3 * point.std_m:.0f} mm" + ("" if point.seen else ", not seen")
+        return f"{kind}; " + ", ".join(f"{name} {self.point(name)}" for name in goal.points)
 
 
 def knowledge_of(views: int, area_m2: float, known: KnownGarment | str) -> Knowledge:

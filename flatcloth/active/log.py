@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.active.goal import Goal
+from flatcloth.core.decoding import decoded
 from flatcloth.core.errors import JournalError, os_errors_as
 from flatcloth.core.geometry import widest_gap_deg
 from flatcloth.session.journal_file import JournalFile, LockedError
@@ -50,11 +51,14 @@ class ActiveLog:
                 self._file.cut(self._file.data.rfind(b"\n") + 1)
         except LockedError as error:
             raise JournalError(f"{folder}: another active loop takes its views. End it first.") from error
-        try:
-            self.lines = [self._line(n, text) for n, text in enumerate(self._file.data.splitlines(), start=1)]
-        except JournalError:
-            self.close()
-            raise
+        self.lines: list[dict[str, Any]] = []
+        for number, text in enumerate(self._file.data.splitlines(), start=1):
+            try:
+                self.lines.append(decoded(text, dict[str, Any]))
+            except ValueError as error:
+                self.close()
+                remedy = "Remove the file: it only tells the past."
+                raise JournalError(f"{self._path}: line {number} is damaged. {remedy}") from error
 
     @property
     def seconds(self) -> float:
@@ -96,14 +100,3 @@ class ActiveLog:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-    def _line(self, number: int, text: bytes) -> dict[str, Any]:
-        try:
-            line = json.loads(text)
-        except (ValueError, RecursionError):
-            line = None
-        if not isinstance(line, dict):
-            raise JournalError(
-                f"{self._path}: line {number} is damaged. Remove the file: it only tells the past."
-            )
-        return line

@@ -144,14 +144,19 @@ def integrate(
     CancelledError
         If ``cancel`` returned True.
     """
-    folder = None if session is None else Path(session)
+    folder, told = None if session is None else Path(session), progress or no_progress
     name = method_name(method)
     if config is None and folder is not None:
         config = kept_config(folder, name)
-    watched = _cancelled_by(cancel, progress or no_progress)
+
+    def watched(share: float, text: str) -> None:
+        if cancel is not None and cancel():
+            raise CancelledError("The integration was cancelled.")
+        told(share, text)
+
     seconds: dict[str, float] = {}
     with contextlib.ExitStack() as stack:
-        with _timed(seconds, "opening"):
+        with timed(seconds, "opening"):
             integration = integration_of(recording, name, config)
             keeper: MemorySession | SessionFolder = MemorySession(SessionState(len(recording)))
             if folder is not None:
@@ -166,15 +171,20 @@ def integrate(
             run.on_view = lambda decision: show(
                 decision, Shape(replace(_data(service, keeper, {}), is_growing=True))
             )
-        with _timed(seconds, "integrating"):
+        with timed(seconds, "integrating"):
             document = run.finish(watched, cores or len(os.sched_getaffinity(0))).document
             integration.canonical(document)
         if both is not None:  # first, as the garment is recognised by the edges of both sides
-            with _timed(seconds, "other side"):
+            with timed(seconds, "other side"):
                 both.of(document, watched, cores or len(os.sched_getaffinity(0)))
-        with _timed(seconds, "garment"):
+        with timed(seconds, "garment"):
             watched(1.0, "recognising the garment")
-            _recognise(service, keeper)
+            place_sure_pieces(service, keeper)
+            if isinstance(keeper, SessionFolder):  # lists tell how far the session is
+                document = keeper.state.document
+                sheet, known = sheet_of(integration.canonical(document), document), service.known(document)
+                kind = "" if isinstance(known, str) else known.kind
+                keep_summary(keeper.folder, document, sheet.shape_m2, sheet.floating_m2, kind)
         scores = dict(earlier_scores(folder)) if folder else {}
         scores |= {d.view_index: d.score for d in run.decisions if d.accepted and math.isfinite(d.score)}
         data = replace(_data(service, keeper, scores), both=None if both is None else both.of)
@@ -206,7 +216,7 @@ def open_session(
         If the recording is missing.
     """
     place = None if recording is None else Path(recording)
-    return Shape(open_session_folder(Path(folder), place, progress or no_progress).data())
+    return Shape(open_session_folder(Path(folder), place, progress or no_progress).data)
 
 
 def _data(
@@ -219,31 +229,11 @@ def _data(
     return SessionData(integration, document, keeper.picks, frames, scores, service)
 
 
-def _recognise(service: GarmentService, keeper: MemorySession | SessionFolder) -> None:
-    """Place the pieces whose place on the garment is sure, and keep for lists how far the session is."""
-    place_sure_pieces(service, keeper)
-    if isinstance(keeper, SessionFolder):
-        document = keeper.state.document
-        sheet, known = sheet_of(service.integration.canonical(document), document), service.known(document)
-        kind = "" if isinstance(known, str) else known.kind
-        keep_summary(keeper.folder, document, sheet.shape_m2, sheet.floating_m2, kind)
-
-
-def _cancelled_by(cancel: Callable[[], bool] | None, progress: Progress) -> Progress:
-    """Return a progress that stops the work when ``cancel`` returns True."""
-    if cancel is None:
-        return progress
-
-    def watched(share: float, text: str) -> None:
-        if cancel():
-            raise CancelledError("The integration was cancelled.")
-        progress(share, text)
-
-    return watched
-
-
 @contextlib.contextmanager
-def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+def timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+    """Add the wall time of the context to that of a name."""
     started = time.perf_counter()
-    yield
-    seconds[name] = time.perf_counter() - started
+    try:
+        yield
+    finally:
+        seconds[name] = seconds.get(name, 0.0) + time.perf_counter() - started

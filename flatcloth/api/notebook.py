@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,78 +20,60 @@ if TYPE_CHECKING:
     from flatcloth.grasping.grasps import GraspPose
     from flatcloth.session.journal import Pick
 
-
-class Shown(Protocol):
-    """What is shown of a :class:`flatcloth.Shape`, and asked."""
-
-    @property
-    def data(self) -> SessionData:
-        """The recording with its decisions."""
-
-    def lines(self) -> list[str]:
-        """Return the summary."""
-
-    def named_points(self) -> dict[str, Pick]:
-        """Return the named points that were seen."""
-
-    def grasp(self, row: int, col: int) -> GraspPose:
-        """Return the grasp pose at a pixel."""
-
-
 _MARGIN_PX = 12.0
 """Margin of the pictures around the cloth, so that marks at its rim are whole. Chosen."""
 _WIDTH_PX = 360
 """Width of the picture in a cell. Chosen: leaves room for the summary."""
 
 
-def html_of(shape: Shown) -> str:
+def html_of(data: SessionData, points: Mapping[str, Pick], summary: Sequence[str]) -> str:
     """Return the flat image with the named points and picks, and the summary, as HTML."""
-    rows, cols = shape.data.canonical.view.valid.shape
+    rows, cols = data.canonical.view.valid.shape
     radius = max(rows, cols) / 90
     circle = f'r="{radius:.1f}" fill="#fff" stroke="#000"'
     marks = "".join(
         f'<circle cx="{mark["col"] + 0.5}" cy="{mark["row"] + 0.5}" {circle}>'
         f"<title>{escape(mark['name'])}</title></circle>"
-        for mark in marks_of(shape)
+        for mark in marks_of(data, points)
     )
-    image = f'<image href="{image_of(shape)}" width="{cols}" height="{rows}"/>'
-    turn, box = turned_upright(shape)
+    image = f'<image href="{image_of(data)}" width="{cols}" height="{rows}"/>'
+    turn, box = turned_upright(data)
     label = 'role="img" aria-label="The flattened garment"'
     layer = f'<g transform="{turn}">{image}{marks}</g>'
     picture = f'<svg viewBox="{box}" width="{_WIDTH_PX}" {label}>{layer}</svg>'
-    lines = "".join(f"<li>{escape(line)}</li>" for line in shape.lines())
+    lines = "".join(f"<li>{escape(line)}</li>" for line in summary)
     text = f'<ul style="flex:1 1 20em">{lines}</ul>'
     return f'<div style="display:flex;gap:1em;flex-wrap:wrap">{picture}{text}</div>'
 
 
-def turned_upright(shape: Shown) -> tuple[str, str]:
+def turned_upright(data: SessionData) -> tuple[str, str]:
     """Return the transform that turns the picture upright, and the box around the cloth, as SVG has them."""
-    turn_rad = upright_rad(shape.data.garment)
-    pixels = np.argwhere(shape.data.canonical.view.valid)[:, ::-1] + 0.5
+    turn_rad = upright_rad(data.garment)
+    pixels = np.argwhere(data.canonical.view.valid)[:, ::-1] + 0.5
     turned = Rigid2(theta_rad=turn_rad).apply(pixels)
     low, high = turned.min(axis=0) - _MARGIN_PX, turned.max(axis=0) + _MARGIN_PX
     box = " ".join(f"{number:.1f}" for number in (*low, *(high - low)))
     return f"rotate({np.degrees(turn_rad):.2f})", box
 
 
-def image_of(shape: Shown) -> str:
+def image_of(data: SessionData) -> str:
     """Return the flat image as a data URL."""
-    return data_url(png_bytes(shape.data.canonical.view.rgb, shape.data.canonical.view.valid), "image/png")
+    return data_url(png_bytes(data.canonical.view.rgb, data.canonical.view.valid), "image/png")
 
 
-def marks_of(shape: Shown) -> list[dict[str, Any]]:
+def marks_of(data: SessionData, points: Mapping[str, Pick]) -> list[dict[str, Any]]:
     """Return the named points and the picks that lie on the shape: name, row and column."""
     from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 
     found = []
-    for point in (*shape.named_points().values(), *shape.data.picks):
-        (row, col), distance_m = pixel_of_point(shape.data.canonical.view, point.position_held_m)
+    for point in (*points.values(), *data.picks):
+        (row, col), distance_m = pixel_of_point(data.canonical.view, point.position_held_m)
         if distance_m <= LOST_AT_M:
             found.append({"name": point.name, "row": row, "col": col, "by_hand": False})
     return found
 
 
-def widget_of(shape: Shown) -> Any:
+def widget_of(data: SessionData, points: Mapping[str, Pick], grasp: Callable[[int, int], GraspPose]) -> Any:
     """Return a widget of a shape; see :meth:`flatcloth.Shape.widget`."""
     try:
         import anywidget
@@ -114,16 +97,16 @@ def widget_of(shape: Shown) -> Any:
         asked: Any = traitlets.List([0, 0, 0]).tag(sync=True)
 
         def __init__(self) -> None:
-            turn, box = turned_upright(shape)
-            size, points = list(shape.data.canonical.view.valid.shape), marks_of(shape)
-            super().__init__(image=image_of(shape), turn=turn, box=box, size=size, points=points)
+            turn, box = turned_upright(data)
+            size, marks = list(data.canonical.view.valid.shape), marks_of(data, points)
+            super().__init__(image=image_of(data), turn=turn, box=box, size=size, points=marks)
             self.poses: dict[str, GraspPose] = {}
 
         @traitlets.observe("asked")
         def _pick(self, change: Any) -> None:
             row, col, _ = map(int, change["new"])
             try:
-                pose = shape.grasp(row, col)
+                pose = grasp(row, col)
             except FlatclothError as error:
                 self.told = str(error)
                 return

@@ -251,10 +251,16 @@ class Shape:
         FlatclothError
             If the folder cannot be written.
         """
-        data = self.data
-        if base_from_camera is not None:
-            frames = replace(data.frames, base_from_camera=_rigid(base_from_camera))
-            data = replace(data, frames=frames)
+        data, given = self.data, base_from_camera
+        if given is not None and not isinstance(given, Rigid3):
+            matrix = np.asarray(given)
+            if matrix.shape != (4, 4) or matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
+                raise HandEyeError(
+                    f"{BASE_FROM_CAMERA}: is not made of 4 rows of 4 finite numbers. Give a matrix."
+                )
+            given = rigid_from_matrix(matrix.astype(np.float64), BASE_FROM_CAMERA)
+        if given is not None:
+            data = replace(data, frames=replace(data.frames, base_from_camera=given))
         return data.write(Path(folder), _WRITERS)
 
     def lines(self) -> list[str]:
@@ -266,7 +272,7 @@ class Shape:
         """Return the picture that a notebook shows for a shape."""
         from flatcloth.api.notebook import html_of
 
-        return html_of(self)
+        return html_of(self.data, self.named_points(), self.lines())
 
     def widget(self) -> Any:
         """Return a widget for notebooks: the flat image, on which clicks pick points.
@@ -283,16 +289,7 @@ class Shape:
         """
         from flatcloth.api.notebook import widget_of
 
-        return widget_of(self)
+        return widget_of(self.data, self.named_points(), self.grasp)
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
-
-
-def _rigid(given: Rigid3 | ArrayLike) -> Rigid3:
-    if isinstance(given, Rigid3):
-        return given
-    matrix = np.asarray(given)
-    if matrix.shape != (4, 4) or matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
-        raise HandEyeError(f"{BASE_FROM_CAMERA}: is not made of 4 rows of 4 finite numbers. Give a matrix.")
-    return rigid_from_matrix(matrix.astype(np.float64), BASE_FROM_CAMERA)

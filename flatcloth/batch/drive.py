@@ -158,6 +158,7 @@ def _row_of(task: Task, answer: Answer, out: Path) -> Row:
         "name": task.name,
         "source": task.source,
         "method": task.method,
+        "content": None if before is None else before.get("content"),
         **(dict(before) if before is not None and begun else next_attempt(before)),
         "outcome": outcome,
         "reason": reason,

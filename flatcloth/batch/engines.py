@@ -36,56 +36,37 @@ class Limits:
 
 
 class _Processes:
-    """The processes that run tasks: one for each task at a time, used again for the next one."""
+    """The processes that run tasks: one for each thread that waits for one, used again for its next task."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._idle: list[tuple[Limits, Worker]] = []
-        self._busy: list[Worker] = []
-        self._stopped = False
+        self._of: dict[tuple[int, Limits], Worker] | None = {}
 
-    def take(self, limits: Limits) -> Worker:
-        with self._lock:
-            if self._stopped:
-                raise WorkerLostError("was stopped")
-            for n, (of, worker) in enumerate(self._idle):
-                if of == limits:
-                    del self._idle[n]
-                    self._busy.append(worker)
-                    return worker
+    def of_thread(self, limits: Limits) -> Worker:
+        key, kept = (threading.get_ident(), limits), self._of
+        if kept is not None and key in kept and kept[key].close.alive:
+            return kept[key]
         worker = Worker(
             _PROGRAM, memory_bytes=limits.memory_bytes, quiet_s=limits.seconds, environment=_ONE_THREAD
         )
         with self._lock:
-            self._busy.append(worker)
-        return worker
-
-    def give_back(self, limits: Limits, worker: Worker, *, good: bool) -> None:
-        with self._lock:
-            self._busy.remove(worker)
-            if good and not self._stopped:
-                self._idle.append((limits, worker))
-                return
+            if self._of is not None:
+                self._of[key] = worker
+                return worker
         worker.close()
+        raise WorkerLostError("was stopped")
 
     def stop(self) -> None:
         with self._lock:
-            self._stopped = True
-            every = [*self._busy, *(worker for _, worker in self._idle)]
-            self._idle.clear()
-        for worker in every:
+            kept, self._of = self._of or {}, None
+        for worker in kept.values():
             worker.close()
 
-    def start(self) -> None:
-        with self._lock:
-            self._stopped = False
+
+_OF_DASK = _Processes()
 
 
-_processes = _Processes()
-start_processes, stop_processes = _processes.start, _processes.stop
-
-
-def run_task(question: Mapping[str, Any], limits: Limits) -> dict[str, Any]:
+def run_task(question: Mapping[str, Any], limits: Limits, processes: _Processes = _OF_DASK) -> dict[str, Any]:
     """Answer a question in a separate process; a crash of that process is returned, not raised.
 
     Returns
@@ -95,16 +76,12 @@ def run_task(question: Mapping[str, Any], limits: Limits) -> dict[str, Any]:
         process crashed or was too slow.
     """
     try:
-        worker = _processes.take(limits)
-    except WorkerLostError as error:
-        return {"lost": CRASHED, "reason": f"its process {error}."}
-    good = False
-    try:
+        worker = processes.of_thread(limits)
         answer = dict(worker.ask(question, limit_s=limits.seconds).table)
-        good = not answer.get("spent")
+        if answer.get("spent"):
+            worker.close()
         return answer
     except WorkerError as error:
-        good = True
         return {"error": str(error)}
     except WorkerHungError:
         return {
@@ -112,15 +89,10 @@ def run_task(question: Mapping[str, Any], limits: Limits) -> dict[str, Any]:
             "reason": f"was not done within {limits.seconds:g} s; give more by --time-limit.",
         }
     except WorkerLostError as error:
-        return {"lost": CRASHED, "reason": _told(str(error))}
-    finally:
-        _processes.give_back(limits, worker, good=good)
-
-
-def _told(cause: str) -> str:
-    if "SIGKILL" in cause:
-        return "its process was killed (SIGKILL), as a system does that runs out of memory."
-    return f"its process {cause}."
+        cause = str(error)
+        if "SIGKILL" in cause:
+            cause = "was killed (SIGKILL), as a system does that runs out of memory"
+        return {"lost": CRASHED, "reason": f"its process {cause}."}
 
 
 # --- many tasks -----------------------------------------------------------------------------------
@@ -171,20 +143,20 @@ class _Local:
 
     def __init__(self, workers: int) -> None:
         self.about = f"{workers} at the same time on this machine"
-        self._pool = concurrent.futures.ThreadPoolExecutor(workers)
+        self._pool, self._processes = concurrent.futures.ThreadPoolExecutor(workers), _Processes()
 
     def __enter__(self) -> _Local:
-        start_processes()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(wait=False, cancel_futures=True)
-        stop_processes()
+        self._processes.stop()
         self._pool.shutdown(wait=True)
 
     def run(self, questions: Sequence[Question], limits: Limits) -> Iterator[tuple[int, Answer]]:
         """Yield the number of each question and its answer, as they come; an exception if its worker died."""
-        futures = {self._pool.submit(run_task, q, limits): n for n, q in enumerate(questions)}
+        submit = self._pool.submit
+        futures = {submit(run_task, q, limits, self._processes): n for n, q in enumerate(questions)}
         for future in concurrent.futures.as_completed(futures):
             yield futures[future], future.result()
 

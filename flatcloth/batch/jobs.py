@@ -12,7 +12,7 @@ import platform
 import socket
 import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,15 +22,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth import __version__
-from flatcloth.api.integrating import integrate
+from flatcloth.api.integrating import integrate, timed
 from flatcloth.api.shape import Shape
 from flatcloth.batch.rows import DONE, FAILED, MEMORY, UNFINISHED, next_attempt, read_row, write_row
-from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
+from flatcloth.batch.tasks import Task, content_signature, quick_signature
 from flatcloth.checking.check import checked
 from flatcloth.core.errors import FlatclothError, JournalError, os_errors_as
 from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.memory import trim
-from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.subprocess_worker import memory_limit_bytes
 from flatcloth.core.types import FlattenedView, Float64, Progress
 from flatcloth.engine.integration import Integration
@@ -57,8 +56,9 @@ def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
 
 def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     started, cpu_started = time.perf_counter(), time.process_time()
-    _reset_peak_memory()
-    stages = _Stages()
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # the peak of memory is that of this task
+    seconds: dict[str, float] = {}
     row: dict[str, Any] = {
         "name": task.name,
         "source": task.source,
@@ -71,7 +71,7 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
     }
     spent = False
     try:
-        with stages.stage("opening"):
+        with timed(seconds, "opening"):
             row["quick"] = quick_signature(task, question["settings"])
             row["content"] = content_signature(task, question["settings"])
             kept = _kept(folder, row, again=question["again"])
@@ -79,15 +79,17 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
                 return {**kept, "again": False}
             if not folder.exists():
                 row = {**row, **next_attempt(None), "earlier": None}
-            _begin(folder, task, row)
-        row |= _integrated(task, folder, stages, progress)
+            # What is begun is written, so that it is known if this process is killed.
+            write_row({**row, "outcome": UNFINISHED, "reason": "it runs, or its worker was killed."}, folder)
+            (folder / ERROR_FILE).unlink(missing_ok=True)
+        row |= _integrated(task, folder, seconds, progress)
         row["outcome"] = DONE
     except FlatclothError as error:
         row |= {"outcome": FAILED, "reason": str(error)}
     except Exception as error:  # noqa: BLE001 - one recording must not end the others
         spent = True
         row |= _unexpected(error, folder)
-    row |= {f"seconds_{name}": round(seconds, 3) for name, seconds in stages.seconds.items()}
+    row |= {f"seconds_{name}": round(taken, 3) for name, taken in seconds.items()}
     row |= {
         "seconds": round(time.perf_counter() - started, 3),
         "cpu_seconds": round(time.process_time() - cpu_started, 3),
@@ -101,21 +103,21 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
     return {**row, "again": True, "spent": spent}
 
 
-def _integrated(task: Task, folder: Path, stages: _Stages, progress: Progress) -> dict[str, Any]:
-    with stages.stage("opening"):
+def _integrated(task: Task, folder: Path, seconds: dict[str, float], progress: Progress) -> dict[str, Any]:
+    with timed(seconds, "opening"):
         recording = open_recording(task.source, task.options)
-    with stages.stage("checking"):
+    with timed(seconds, "checking"):
         check = checked(recording, progress=progress)
         if not task.options.as_recorded:
             check.refuse(recording.location)
     shape = _patiently(recording, task.method, folder, progress)
-    for name, seconds in shape.seconds.items():
-        stages.add(name, seconds)
+    for name, taken in shape.seconds.items():
+        seconds[name] = seconds.get(name, 0.0) + taken
     progress(1.0, "writing")
-    with stages.stage("writing"):
+    with timed(seconds, "writing"):
         shape.write(folder)
     progress(1.0, "measuring")
-    with stages.stage("measuring"):
+    with timed(seconds, "measuring"):
         coverage = coverage_estimate(shape.data.integration, shape.data.canonical)
         write_thumbnail(shape.view, folder)
     known = shape.data.garment
@@ -150,24 +152,6 @@ def _patiently(recording: Recording, method: str, folder: Path, progress: Progre
             time.sleep(0.2)
 
 
-class _Stages:
-    """Seconds of wall time by stage."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    def add(self, name: str, seconds: float) -> None:
-        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
-
-    @contextlib.contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        started = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.add(name, time.perf_counter() - started)
-
-
 def _outcome_columns(outcome: Mapping[str, Any], integration: Integration) -> dict[str, Any]:
     """Return the columns of an outcome."""
     scores = [a["score"] for a in outcome["accepted"] if a["score"] is not None]
@@ -200,34 +184,13 @@ def _kept(folder: Path, row: Mapping[str, Any], *, again: bool) -> dict[str, Any
         kept["quick"] = row["quick"]  # the files were touched, but are the same
         write_row(kept, folder)
         return kept
-    if folder.exists() and (again or _content_begun(folder) != row["content"]):
-        _set_aside(folder)
+    begun = None if kept is None else kept.get("content")
+    if folder.exists() and (again or begun != row["content"]):  # an operator's decisions are in it
+        place = folder.parent / SUPERSEDED / f"{folder.name}-{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
+        with os_errors_as(FlatclothError, f"{folder}: cannot be moved to {place}", "Move it by hand."):
+            place.parent.mkdir(exist_ok=True)
+            folder.rename(place)
     return None
-
-
-def _content_begun(folder: Path) -> str | None:
-    try:
-        return str(json.loads(read_plain(folder / TASK_FILE))["content"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
-
-
-def _set_aside(folder: Path) -> None:
-    """Move a result away: an operator's decisions are in it."""
-    place = folder.parent / SUPERSEDED / f"{folder.name}-{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
-    with os_errors_as(FlatclothError, f"{folder}: cannot be moved to {place}", "Move it by hand."):
-        place.parent.mkdir(exist_ok=True)
-        folder.rename(place)
-
-
-def _begin(folder: Path, task: Task, row: Mapping[str, Any]) -> None:
-    """Write what is begun, so that it is known if this process is killed."""
-    with os_errors_as(FlatclothError, f"{folder}: cannot be written", "Choose another --out."):
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        text = json.dumps({**task.to_dict(), "content": row["content"]}, indent=1) + "\n"
-        replace_file(folder / TASK_FILE, text.encode())
-        (folder / ERROR_FILE).unlink(missing_ok=True)
-    write_row({**row, "outcome": UNFINISHED, "reason": "it runs, or its worker was killed."}, folder)
 
 
 # --- errors, and limits of the process -------------------------------------------------------
@@ -257,11 +220,6 @@ def _versions() -> str:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)
     return json.dumps(found)
-
-
-def _reset_peak_memory() -> None:
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
 
 
 def _status_mb(name: str) -> float | None:

@@ -120,20 +120,11 @@ def decide(out: Path, name: str, verdict: str | None) -> None:
         ) from error
 
 
-def review_order(row: Mapping[str, Any]) -> tuple[int, float]:
-    """Return the key that sorts the least reliable result first: failures, then by reliability.
-
-    What is not known counts as unreliable.
-    """
-    if row.get("outcome") != "done":
-        return 0, 0.0
-    return 1, reliability(row)
-
-
 def reliability(row: Mapping[str, Any]) -> float:
     """Return the share of the seen cloth that is in the shape and whose place is known to 10 mm, 0 to 1.
 
-    Where the method gives no placement uncertainty (``paper``), the least score stands for it.
+    What is not known counts as unreliable. Where the method gives no placement uncertainty (``paper``), the
+    least score stands for it.
     """
     share = row.get("reliable_share")
     if share is None:
@@ -196,7 +187,8 @@ def report_html(out: Path, *, served: bool) -> str:
 
 def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[str, Any]:
     kept = read_verdicts(out)
-    ordered = sorted(rows, key=review_order)
+    # The least reliable result first: failures, then by reliability.
+    ordered = sorted(rows, key=lambda row: reliability(row) if row["outcome"] == DONE else -1.0)
     names = [column.name for column in COLUMNS]
     shown = []
     for place, row in enumerate(ordered):
@@ -213,10 +205,16 @@ def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[st
         shown.append(shown_row)
     counts = ", ".join(f"{n} {outcome}" for outcome, n in counted(rows).items() if n)
     seconds = sum(row.get("seconds") or 0.0 for row in rows)
+    versions, notes = sorted({str(row["version"]) for row in rows if row.get("version")}), [kept.damage or ""]
+    if len(versions) > 1:
+        listed = ", ".join(versions)
+        notes.append(
+            f"The results are of several versions of flatcloth ({listed}); --again makes them alike."
+        )
     return {
         "title": out.resolve().name,
         "counts": f"{len(rows)} recordings: {counts}; {seconds / 3600:.1f} h of computing",
-        "notes": " ".join(filter(None, [kept.damage, _notes(rows)])),
+        "notes": " ".join(filter(None, notes)),
         "served": served,
         "serve": f"flatcloth batch {shlex.quote(str(out.resolve()))} --review",
         "columns": [
@@ -225,14 +223,6 @@ def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[st
         ],
         "rows": shown,
     }
-
-
-def _notes(rows: Sequence[Mapping[str, Any]]) -> str:
-    versions = sorted({str(row["version"]) for row in rows if row.get("version")})
-    if len(versions) > 1:
-        listed = ", ".join(versions)
-        return f"The results are of several versions of flatcloth ({listed}); --again makes them alike."
-    return ""
 
 
 def command_of(row: Mapping[str, Any], out: Path) -> str:

@@ -104,14 +104,10 @@ def read_row(folder: Path) -> dict[str, Any] | None:
     if not isinstance(row, dict) or row.get("format") != FORMAT:
         return None
     row["name"] = folder.name
-    return row if _is_whole(row) else None
-
-
-def _is_whole(row: Mapping[str, Any]) -> bool:
-    """Return whether a row says what was integrated and how that ended, and each column is of its kind."""
+    # It says what was integrated and how that ended, and each column is of its kind.
     said = isinstance(row.get("source"), str) and isinstance(row.get("method"), str)
     kinds = (row.get(c.name) is None or _is_of_kind(row[c.name], c.kind) for c in COLUMNS)
-    return said and row.get("outcome") in OUTCOMES and all(kinds)
+    return row if said and row.get("outcome") in OUTCOMES and all(kinds) else None
 
 
 def _is_of_kind(value: Any, kind: Kind) -> bool:
@@ -171,17 +167,13 @@ def write_table(rows: Sequence[Mapping[str, Any]], out: Path) -> None:
     FlatclothError
         If it cannot be written.
     """
-    with os_errors_as(FlatclothError, f"{out}: the table cannot be written", "Make room."):
-        replace_file(out / CSV, _csv(rows))
-
-
-def _csv(rows: Sequence[Mapping[str, Any]]) -> bytes:
     names = [column.name for column in COLUMNS]
     file = io.StringIO(newline="")
     writer = csv.DictWriter(file, names, extrasaction="ignore", restval="", lineterminator="\n")
     writer.writeheader()
     writer.writerows({name: _cell(row.get(name)) for name in names} for row in rows)
-    return file.getvalue().encode("utf-8", "surrogateescape")
+    with os_errors_as(FlatclothError, f"{out}: the table cannot be written", "Make room."):
+        replace_file(out / CSV, file.getvalue().encode("utf-8", "surrogateescape"))
 
 
 def _cell(value: Any) -> Any:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from flatcloth.batch.rows import rows_in
 from flatcloth.core.errors import FlatclothError, RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_plain
 from flatcloth.recordings import SourceOptions, place_of
@@ -21,7 +22,6 @@ from flatcloth.recordings.files.text import read_text
 from flatcloth.recordings.registry import recordings_below
 
 MANIFESTS = (".csv", ".jsonl", ".ndjson")
-TASK_FILE = "task.json"
 _MOST_FILES = 100_000
 """Limit of a folder that is searched. Chosen: more is a mistake, such as a home folder."""
 _COLUMNS = ("source", "name", "method")
@@ -50,12 +50,12 @@ class Task:
         try:
             source, name, method, options = (table[k] for k in ("source", "name", "method", "options"))
         except (KeyError, TypeError) as error:
-            raise RecordingError(f"{TASK_FILE}: not a task ({error}). Run the batch again.") from error
+            raise RecordingError(f"not a task ({error}). Run the batch again.") from error
         return cls(
             source=str(source),
             name=str(name),
             method=str(method),
-            options=SourceOptions.from_dict(options, TASK_FILE),
+            options=SourceOptions.from_dict(options, "the task"),
         )
 
 
@@ -190,8 +190,8 @@ def _named(tasks: Iterable[Task], out: Path) -> list[Task]:
     """Give each task the name that its source has in the output, or a new one."""
     tasks = list(tasks)
     taken: dict[str, str] = {task.name: task.source for task in tasks if task.name}
-    for name, source in known_names(out).items():
-        taken.setdefault(name, source)
+    for row in rows_in(out):
+        taken.setdefault(row["name"], row["source"])
     own = {source: name for name, source in taken.items()}
     named = []
     for task in tasks:
@@ -218,17 +218,6 @@ def _proposed(source: str) -> str:
         last -= 1
     kept = parts[last:] if not parts[last].isdigit() and len(parts) - last == 1 else parts[last + 1 :]
     return slug("-".join(kept or parts[-1:]).removesuffix(".bag").removesuffix(".db3").removesuffix(".mcap"))
-
-
-def known_names(out: Path) -> dict[str, str]:
-    """Return the folders of an output, and the source of each."""
-    found = {}
-    for file in out.glob(f"*/{TASK_FILE}"):
-        try:
-            found[file.parent.name] = str(json.loads(file.read_text())["source"])
-        except (OSError, ValueError, KeyError, TypeError):
-            continue
-    return found
 
 
 # --- what is done ----------------------------------------------------------------------------

@@ -48,8 +48,8 @@ def run(options: Options) -> int:
 
 def _write_pictures(recording: Recording, check: Check, folder: Path) -> list[str]:
     """Write a picture of each finding that views show, ``sense.png`` and so on; return their names."""
-    from flatcloth.rendering.drawing import png_of
     from flatcloth.rendering.evidence import evidence
+    from flatcloth.rendering.layers import png
 
     made = []
     with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
@@ -60,5 +60,5 @@ def _write_pictures(recording: Recording, check: Check, folder: Path) -> list[st
             picture = evidence(recording, finding)
             if picture is not None:
                 made.append(f"{finding.name}.png")
-                (folder / made[-1]).write_bytes(png_of(picture))
+                (folder / made[-1]).write_bytes(png(picture))
     return made

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -85,19 +85,20 @@ def run(options: Options) -> None:
     base_from_camera = options.base_from_camera()
     for name in wanted:
         _check(name, getattr(options, name))
-    written: list[Path] = []
+    written: list[str] = []
     try:
         with ProgressBar(str(options.session)) as bar:
             session = open_session(
                 options.session, options.recording, bar.show, options=options.source_options()
             )
-            data = session.data(base_from_camera, options.rotation)
+            turned_deg = session.data.frames.rotation_deg if options.rotation is None else options.rotation
+            frames = replace(session.data.frames, base_from_camera=base_from_camera, rotation_deg=turned_deg)
+            data = replace(session.data, frames=frames)
             for name in wanted:
                 _write(name, session, data, getattr(options, name))
-                written.append(getattr(options, name))
+                written.append(str(getattr(options, name)))
     finally:
-        document = {"written": [str(path) for path in written]}
-        report(options, document, [f"Written: {path}" for path in written])
+        report(options, {"written": written}, [f"Written: {path}" for path in written])
 
 
 def _check(name: str, path: Path) -> None:
@@ -108,10 +109,9 @@ def _check(name: str, path: Path) -> None:
     module, package, extra = _LIBRARIES.get(name, ("flatcloth", "", ""))
     if find_spec(module) is None:
         raise FlatclothError(f"{package} is not installed; pip install 'flatcloth[{extra}]'.")
-    is_folder = name in ("data", "figures")
-    other = f"Choose another {'folder' if is_folder else 'file'}."
-    with os_errors_as(FlatclothError, f"{path}: cannot be written", other):
-        check_replacing(path / "checked" if is_folder else path)
+    kind = "folder" if name in ("data", "figures") else "file"
+    with os_errors_as(FlatclothError, f"{path}: cannot be written", f"Choose another {kind}."):
+        check_replacing(path / "checked" if kind == "folder" else path)
 
 
 def _write(name: str, session: OpenedSession, data: SessionData, path: Path) -> None:
@@ -135,10 +135,10 @@ def _write(name: str, session: OpenedSession, data: SessionData, path: Path) -> 
 
             write_mcap(session, path)
         case "grasps":
-            write_file(path, data.file("grasps.json") or b"")
+            write_file(path, data.files()["grasps.json"]())
         case "outline":
             write_file(path, made(session, f"outline{path.suffix.lower()}"))
         case _:
-            if name == "garment" and isinstance(session.garment, str):
-                raise GarmentError(session.garment)
+            if name == "garment" and isinstance(session.data.garment, str):
+                raise GarmentError(session.data.garment)
             write_file(path, made(session, _NAMES[name]))

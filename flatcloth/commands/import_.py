@@ -59,6 +59,6 @@ def _opened(options: Options, bar: ProgressBar) -> Recording:
         if options.align is not None:
             raise RecordingError(f"{path}: not a RealSense file. --align applies only to those.")
         return open_recording(options.source, options.source_options())
-    given = {"align": options.align, "step_deg": options.step, "angles": options.angles}
-    mends = options.source_options().mends or Mends()
-    return mended(open_isolated("realsense", path, given, bar.show), mends)
+    said = options.source_options()
+    opened = open_isolated("realsense", path, said.given_angles, options.align, bar.show)
+    return mended(opened, said.mends or Mends())

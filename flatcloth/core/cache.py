@@ -160,14 +160,15 @@ class ReadAhead:
 
     def want(self, keys: Iterable[Any]) -> None:
         """Set the keys that are likely to be asked for, the likeliest first; earlier ones are dropped."""
+
+        def attempt(key: Any) -> None:
+            with contextlib.suppress(Exception):  # raised again when the value is asked for
+                self._make(key)
+
         for job in self._jobs:
             job.cancel()
-        self._jobs = [self._pool.submit(self._try, key) for key in keys]
+        self._jobs = [self._pool.submit(attempt, key) for key in keys]
 
     def wait(self) -> None:
         """Return when all that is wanted now has been made."""
         wait(self._jobs)
-
-    def _try(self, key: Any) -> None:
-        with contextlib.suppress(Exception):  # raised again when the value is asked for
-            self._make(key)

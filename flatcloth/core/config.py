@@ -113,20 +113,15 @@ class Config:
         ConfigError
             If a name is unknown, or a value has the wrong type; the message names it.
         """
-        return _read(values)
-
-
-def _read(values: Any) -> Config:
-    if unknown := next(unread(values, Config), None):
-        known = [f"{part}.{name}" for part, own in Config().to_dict().items() for name in own]
-        raise ConfigError(f"config.{unknown}: no such setting; known are {', '.join(known)}.")
-    try:
-        return fitted(_whole(values), Config)
-    except MisfitError as error:
-        where, found = error.where.partition("[")[0], found_at(values, error.where)
-        raise ConfigError(
-            f"{f'config.{where}'.removesuffix('.')}: {found!r:.60} does not fit; expected {error.expected}."
-        ) from error
+        if unknown := next(unread(values, cls), None):
+            known = [f"{part}.{name}" for part, own in cls().to_dict().items() for name in own]
+            raise ConfigError(f"config.{unknown}: no such setting; known are {', '.join(known)}.")
+        try:
+            return fitted(_whole(values), cls)
+        except MisfitError as error:
+            where = f"config.{error.where.partition('[')[0]}".removesuffix(".")
+            cause = f"{found_at(values, error.where)!r:.60} does not fit; expected {error.expected}"
+            raise ConfigError(f"{where}: {cause}.") from error
 
 
 def _whole(value: Any) -> Any:

@@ -29,17 +29,17 @@ def free(unused: weakref.ref[Any]) -> None:
 
     The collector by itself comes late: after several changes of the recording.
     """
+
+    def later() -> None:
+        while unused() is not None:
+            time.sleep(_TRIM_S)
+            gc.collect()
+        trim()
+
     gc.collect()
     trim()
     if unused() is not None:
-        threading.Thread(target=_free_later, args=(unused,), name="flatcloth-free", daemon=True).start()
-
-
-def _free_later(unused: weakref.ref[Any]) -> None:
-    while unused() is not None:
-        time.sleep(_TRIM_S)
-        gc.collect()
-    trim()
+        threading.Thread(target=later, name="flatcloth-free", daemon=True).start()
 
 
 @cache
@@ -59,16 +59,16 @@ def return_freed_memory() -> None:
         mallopt(_M_ARENA_MAX, _ARENAS)
         mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
         mallopt(_M_TRIM_THRESHOLD, 16 * _LARGE_BYTES)
-    threading.Thread(target=_trim_often, name="flatcloth-trim", daemon=True).start()
 
+    def trim_often() -> None:
+        trimmed_s = 0.0
+        while True:
+            time.sleep(_TRIM_S)
+            if time.process_time() > trimmed_s + _WORKED_S:
+                trim()
+                trimmed_s = time.process_time()
 
-def _trim_often() -> None:
-    trimmed_s = 0.0
-    while True:
-        time.sleep(_TRIM_S)
-        if time.process_time() > trimmed_s + _WORKED_S:
-            trim()
-            trimmed_s = time.process_time()
+    threading.Thread(target=trim_often, name="flatcloth-trim", daemon=True).start()
 
 
 def trim() -> None:

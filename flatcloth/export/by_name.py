@@ -5,6 +5,7 @@ from __future__ import annotations
 from flatcloth.core.errors import FlatclothError
 from flatcloth.export.files import zipped
 from flatcloth.export.session import OpenedSession
+from flatcloth.methods.answers import JoinedSides
 
 MEDIA = {
     "page.html": "text/html",
@@ -54,12 +55,15 @@ def made(session: OpenedSession, name: str) -> bytes:
             from flatcloth.export.garment import upright_rad
             from flatcloth.export.outline import outline_text
 
-            turn_rad, about = upright_rad(session.garment), session.history.header.recording.name
+            turn_rad, sides = upright_rad(session.data.garment), session.data.sides
+            about, other = session.history.header.recording.name, None
+            if isinstance(sides, JoinedSides):
+                other = sides.other.view
             suffix = name.removeprefix("outline")
-            return outline_text(session.view, about, suffix, turn_rad, session.other_view).encode()
+            return outline_text(session.view, about, suffix, turn_rad, other).encode()
         case "data.zip":
-            return zipped((name, make()) for name, make in session.data().files().items())
-    data = session.data().file(name)
-    if data is None:
+            return zipped((name, make()) for name, make in session.data.files().items())
+    make = session.data.files().get(name)
+    if make is None:
         raise FlatclothError(f"This session has no {name}.")
-    return data
+    return make()

@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import math
+import re
 import struct
 import tokenize
 import zipfile
@@ -134,15 +135,16 @@ def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
 
 def remove_stale(written: Collection[str], folder: Path) -> None:
     """Remove floating pieces, the other side and garment of an earlier export, unless written now."""
-    stale = [name for name in (GARMENT, *_OF_OTHER_SIDE) if name not in written]
-    for begin in ("floating-", "floating-other-"):
-        number = 1
-        while (folder / (name := f"{begin}{number}.npz")).exists() or name in written:
-            stale += [] if name in written else [name]
-            number += 1
-    for name in stale:
-        with contextlib.suppress(OSError):
-            (folder / name).unlink()
+    for path in folder.iterdir():
+        is_of_export = path.name in (GARMENT, *_OF_OTHER_SIDE) or is_floating_file(path.name)
+        if is_of_export and path.name not in written:
+            with contextlib.suppress(OSError):
+                path.unlink()
+
+
+def is_floating_file(name: str) -> bool:
+    """Return whether a name is that of a floating piece's file, of either side."""
+    return re.fullmatch(r"floating-(other-)?[1-9][0-9]{0,2}\.npz", name) is not None
 
 
 _MOST_BYTES = 1_000_000_000

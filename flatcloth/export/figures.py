@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -58,8 +58,9 @@ def plan_of(session: OpenedSession, decision: Decision) -> Plan | None:
         except FlatclothError:
             return None  # no view can be planned from this shape; the decision is shown without curves
 
-    key = key_of(session.integration.axis, before), before.refused_views
-    return session.kept.plans.get(key, made)
+    key = "plan", key_of(session.integration.axis, before), before.refused_views
+    plan: Plan | None = session.kept.values.get(key, made)
+    return plan
 
 
 def side_of(plan: Plan | None, decision: Decision) -> SidePlan | None:
@@ -158,15 +159,9 @@ def all_figures(session: OpenedSession) -> Iterator[Figure]:
     yield from curves(session)
     for n, decision in enumerate(decisions):
         session.progress(n / len(decisions), f"drawing decision {n + 1} of {len(decisions)}")
-        yield from of_decision(session, decision)
-
-
-def of_decision(session: OpenedSession, decision: Decision) -> Iterator[Figure]:
-    """Yield the figures of one decision: the proposal on the shape, and the curves of its plan."""
-    yield overlay(session, decision)
-    side = side_of(plan_of(session, decision), decision)
-    if side is not None:
-        yield plan_figure(session, decision, side)
+        yield overlay(session, decision)
+        if (side := side_of(plan_of(session, decision), decision)) is not None:
+            yield plan_figure(session, decision, side)
 
 
 # --- maps ----------------------------------------------------------------------------------------
@@ -193,13 +188,19 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
         for pick in session.history.picks if shape else ():
             if pick.side == "this" and (rc := session.pixel_of(pick)) is not None:
                 _mark(axes, view.uv_from_rc(np.array(rc)), str(pick.id), is_seen=True)
-        _explain(axes, legend(view, name, integration.axis, angles_deg))
+        explained = legend(view, name, integration.axis, angles_deg)
+        if explained["kind"] == "ramp":
+            add_ramp(axes, explained["title"], explained["colors"], explained["low"], explained["high"])
+        elif explained["kind"] == "classes":
+            add_key(
+                axes, [(each["color"], each["label"]) for each in explained["classes"]], explained["title"]
+            )
         yield Figure(name=f"map-{name.replace('_', '-')}", caption=f"{title}: {shows}.", drawing=drawing)
 
 
 def both_sides(session: OpenedSession) -> Iterator[Figure]:
     """Yield the picture of both sides with their seams; none if the session has one side."""
-    sides = session.sides
+    sides = session.data.sides
     if not isinstance(sides, JoinedSides):
         return
     own, its = session.growth.sheet, lay_out(sides.other)
@@ -216,7 +217,7 @@ def both_sides(session: OpenedSession) -> Iterator[Figure]:
 
 def garment(session: OpenedSession) -> Iterator[Figure]:
     """Yield the outline and the named points over the shape; none if it is no known garment."""
-    known = session.garment
+    known = session.data.garment
     if isinstance(known, str) or known.found.kind == NONE:
         return
     found, view = known.found, session.growth.view
@@ -259,14 +260,6 @@ def _mark(axes: Axes, uv_m: Floats, label: str, *, is_seen: bool) -> None:
     axes.annotate(
         label, (u_m, v_m), (10, -4), textcoords="offset points", bbox=box, color=PINK, fontweight="bold"
     )
-
-
-def _explain(axes: Axes, explained: dict[str, Any]) -> None:
-    """Add a layer's legend; see :func:`flatcloth.rendering.layers.legend`."""
-    if explained["kind"] == "ramp":
-        add_ramp(axes, explained["title"], explained["colors"], explained["low"], explained["high"])
-    elif explained["kind"] == "classes":
-        add_key(axes, [(each["color"], each["label"]) for each in explained["classes"]], explained["title"])
 
 
 # --- growth and energy ---------------------------------------------------------------------------
@@ -346,7 +339,9 @@ def picture_before(session: OpenedSession, decision: Decision) -> PlanePicture:
         return laid_on(sheet.view, overlay, beyond(overlay, sheet.view))
 
     places = pending.view_index, pending.component, pending.current_from_new, pending.also_placed
-    return session.kept.pictures.get((key_of(session.integration.axis, before), places), made)
+    key = "picture", key_of(session.integration.axis, before), places
+    picture: PlanePicture = session.kept.values.get(key, made)
+    return picture
 
 
 def verdict_text(decision: Decision) -> str:

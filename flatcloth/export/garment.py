@@ -143,7 +143,7 @@ def summary(known: KnownGarment) -> dict[str, Any]:
         "likeliest": found.likeliest[0],
         "by_hand": found.by_hand is not None,
         "doubted": known.doubt > 0.0,
-        "upright_rad": _turn_rad(known),
+        "upright_rad": upright_rad(known, likeliest=True),
         "probabilities": _sorted(found.probabilities),
         "dimensions": [
             {"name": name, "mm": 1e3 * d.value_m, "std_mm": 1e3 * d.std_m}
@@ -153,14 +153,13 @@ def summary(known: KnownGarment) -> dict[str, Any]:
     }
 
 
-def upright_rad(known: KnownGarment | str) -> float:
-    """Return the turn of the plane (clockwise as seen) that makes a garment upright; 0 for an unknown one."""
-    if isinstance(known, str) or known.found.kind == NONE:
+def upright_rad(known: KnownGarment | str, *, likeliest: bool = False) -> float:
+    """Return the turn of the plane (clockwise as seen) that makes a garment upright.
+
+    It is 0 for an unknown garment, unless the ``likeliest`` kind is meant.
+    """
+    if isinstance(known, str) or (known.found.kind == NONE and not likeliest):
         return 0.0
-    return _turn_rad(known)
-
-
-def _turn_rad(known: KnownGarment) -> float:
     return math.remainder(known.found.fit.garment_from_piece[0].theta_rad, 2 * math.pi)
 
 

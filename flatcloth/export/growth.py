@@ -20,38 +20,23 @@ from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.results.result import at_step, earlier_shape
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
-from flatcloth.methods.answers import Plan
 from flatcloth.registration.axis import THREADS
-from flatcloth.rendering.pictures import PlanePicture
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.garment.recognition import GarmentService
     from flatcloth.engine.integration import Integration
 
-_MIB = 1 << 20
-"""Bytes in a mebibyte. By definition."""
-_MOST = 512
-"""Values of each kind that are kept, if their bytes allow. Chosen: more than a session has views."""
-_SHEETS_BYTES, _PICTURES_BYTES, _GROWTHS_BYTES, _PLANS_BYTES = 48 * _MIB, 24 * _MIB, 4 * _MIB, 2 * _MIB
-"""Of shirt-sleeve-clean with 35 views a sheet takes 1 MiB, a picture of a proposal 0.5 MiB, a growth
-0.5 MiB, and a plan 0.02 MiB. Measured."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GrownArrays:
-    """What of a growth takes long to compute: ``first_step`` (H, W), and the areas after each step, m2."""
-
-    first_step: NDArray[np.int16]
-    area_m2: tuple[float, ...]
-    floating_m2: tuple[float, ...]
+_MOST, _MOST_BYTES = 2048, 80 << 20
+"""Values that are kept, and their bytes. Measured: of shirt-sleeve-clean with 35 views a sheet takes 1 MiB, a
+picture of a proposal 0.5 MiB, a growth 0.5 MiB, and a plan 0.02 MiB."""
 
 
 class Kept:
     """Computed values that several exports, or several parts of one, need. Safe for several threads.
 
-    Keys are those of :func:`key_of`, so that each value belongs to the axis and the decisions that it was
-    computed from.
+    Keys are a word with that of :func:`key_of`, so that each value belongs to the axis and the decisions that
+    it was computed from.
 
     Parameters
     ----------
@@ -66,10 +51,7 @@ class Kept:
     ) -> None:
         self.garments, self.both = garments, both
         self._own: BothSides | None = None
-        self.plans: Cache[Plan | None] = Cache(_MOST, _PLANS_BYTES)
-        self.growths: Cache[GrownArrays] = Cache(_MOST, _GROWTHS_BYTES)
-        self.pictures: Cache[PlanePicture] = Cache(_MOST, _PICTURES_BYTES)
-        self.sheets: Cache[Sheet] = Cache(_MOST, _SHEETS_BYTES)
+        self.values: Cache[Any] = Cache(_MOST, _MOST_BYTES)
 
     def both_of(self, integration: Integration) -> BothSides:
         """Return the other side of an integration, the same one for all exports (cached)."""
@@ -179,25 +161,26 @@ def grow(
     sheet = sheet_of(integration.canonical(document), document)
     source = _orders(sheet.view, views)
 
-    def grown() -> GrownArrays:
-        return _grown(integration, document, sheet, source, progress, kept)
-
-    own = grown() if kept is None else kept.growths.get(key_of(integration.axis, document), grown)
-    after = np.add(own.area_m2, own.floating_m2)
-    added = np.diff(after, prepend=0.0)
+    memory = kept or Kept()
+    first, area_m2, floating_m2 = memory.values.get(
+        ("growth", key_of(integration.axis, document)),
+        lambda: _grown(integration, document, sheet, source, progress, memory),
+    )
+    added = np.diff(np.add(area_m2, floating_m2), prepend=0.0)
+    accepted = {d.view_index: d for d in history.decisions if d.stands and d.verdict == ACCEPTED}
     steps = [
         Step(
             order=order,
             view_index=view_index,
             angle_deg=integration.recording.angles_deg[view_index],
-            area_m2=own.area_m2[order],
-            floating_m2=own.floating_m2[order],
+            area_m2=area_m2[order],
+            floating_m2=floating_m2[order],
             added_m2=float(added[order]),
-            decision=_acceptance(history, view_index) if order else None,
+            decision=accepted.get(view_index) if order else None,
         )
         for order, view_index in enumerate(views)
     ]
-    return Growth(sheet=sheet, first_step=own.first_step, source_step=source, steps=tuple(steps))
+    return Growth(sheet=sheet, first_step=first, source_step=source, steps=tuple(steps))
 
 
 def _grown(
@@ -206,9 +189,9 @@ def _grown(
     sheet: Sheet,
     source: Int16,
     progress: Progress,
-    kept: Kept | None,
-) -> GrownArrays:
-    """Compute the shape after each step, and which pixels of the last one it covers."""
+    kept: Kept,
+) -> tuple[Int16, list[float], list[float]]:
+    """Compute the areas after each step, and the step (H, W) whose shape first covers a pixel of the last."""
     first = source.copy()
     count = len(document.accepted) + 1
     area_m2, floating_m2 = [0.0] * count, [0.0] * count
@@ -218,8 +201,8 @@ def _grown(
     def made(order: int) -> Sheet:
         integration.canonical(document)  # the last shape stays the one that was used last
         before = sheet_of(earlier_shape(integration, document, order), document)
-        if kept is not None:
-            kept.sheets.put(key_of(integration.axis, at_step(document, order)), colors_of(before))
+        key = "sheet", key_of(integration.axis, at_step(document, order))
+        kept.values.put(key, colors_of(before))
         return before
 
     # The last shape first: the algorithm keeps the shapes it used last, from which it draws those before.
@@ -234,7 +217,7 @@ def _grown(
             area_m2[order], floating_m2[order] = before.shape_m2, before.floating_m2
             first[_covered(sheet, before, document.start_view) & (source > order)] = order
     del cameras
-    return GrownArrays(first_step=first, area_m2=tuple(area_m2), floating_m2=tuple(floating_m2))
+    return first, area_m2, floating_m2
 
 
 def _covered(sheet: Sheet, earlier: Sheet, start_view: int) -> Bool:
@@ -266,10 +249,3 @@ def _orders(view: FlattenedView, views: list[int]) -> Int16:
     known = view.valid & (view.view_index >= 0) & (view.view_index <= max(views))
     orders: Int16 = np.where(known, table[np.where(known, view.view_index, -1)], np.int16(-1))
     return orders
-
-
-def _acceptance(history: SessionHistory, view_index: int) -> Decision | None:
-    for decision in reversed(history.decisions):
-        if decision.stands and decision.verdict == ACCEPTED and decision.view_index == view_index:
-            return decision
-    return None

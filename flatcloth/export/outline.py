@@ -232,9 +232,14 @@ def dxf(drawn: Drawing) -> str:
     pairs: list[tuple[int, object]] = [
         *((0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1009")),
         *((9, "$INSUNITS"), (70, 4), (9, "$MEASUREMENT"), (70, 1), (0, "ENDSEC")),
-        *_layer_table(),
-        *((0, "SECTION"), (2, "ENTITIES")),
+        # Each layer has its colour and its line type, which has a table of its own.
+        *((0, "SECTION"), (2, "TABLES"), (0, "TABLE"), (2, "LTYPE"), (70, 1)),
+        *((0, "LTYPE"), (2, "CONTINUOUS"), (70, 0), (3, "Solid line"), (72, 65), (73, 0), (40, "0.0")),
+        *((0, "ENDTAB"), (0, "TABLE"), (2, "LAYER"), (70, len(_LAYERS))),
     ]
+    for name, color in _LAYERS.items():
+        pairs += [(0, "LAYER"), (2, name), (70, 0), (62, color), (6, "CONTINUOUS")]
+    pairs += [(0, "ENDTAB"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
     own, its, (_, height_mm) = _opened(drawn)
     for side, at_mm, prefix in ((drawn, own, ""), (drawn.other, its, "OTHER_")):
         for outer, holes in () if side is None else side.pieces:
@@ -243,16 +248,6 @@ def dxf(drawn: Drawing) -> str:
                 pairs += _polyline(f"{prefix}HOLES", hole + at_mm, height_mm)
     pairs += [(0, "ENDSEC"), (0, "EOF")]
     return "".join(f"{code}\n{value}\n" for code, value in pairs)
-
-
-def _layer_table() -> list[tuple[int, object]]:
-    """Return the table of layers, each with its colour and its line type, which has a table of its own."""
-    pairs: list[tuple[int, object]] = [(0, "SECTION"), (2, "TABLES"), (0, "TABLE"), (2, "LTYPE"), (70, 1)]
-    pairs += [(0, "LTYPE"), (2, "CONTINUOUS"), (70, 0), (3, "Solid line"), (72, 65), (73, 0), (40, "0.0")]
-    pairs += [(0, "ENDTAB"), (0, "TABLE"), (2, "LAYER"), (70, len(_LAYERS))]
-    for name, color in _LAYERS.items():
-        pairs += [(0, "LAYER"), (2, name), (70, 0), (62, color), (6, "CONTINUOUS")]
-    return [*pairs, (0, "ENDTAB"), (0, "ENDSEC")]
 
 
 def _polyline(layer: str, polygon: Float64, height_mm: float) -> list[tuple[int, object]]:

@@ -84,8 +84,12 @@ def common_parts(entry: str, more_policy: str = "") -> dict[str, str]:
     """
     static = static_folder()
     script, style = whole(static, entry), whole(static, entry.replace(".js", ".css"))
+    digests = (hashlib.sha256(text.encode()).digest() for text in (script, style))
+    own_script, own_style = (f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
     return {
-        "policy": _policy(script, style) + more_policy,
+        # Only the page's own script, and no loading.
+        "policy": f"default-src 'none'; script-src {own_script}; style-src {own_style}; img-src data: blob:;"
+        f" base-uri 'none'; form-action 'none'{more_policy}",
         "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
         "style": style,
         "script": script,
@@ -114,7 +118,12 @@ def whole(folder: Path, entry: str) -> str:
             add(each)
         exports = ", ".join(_EXPORTED.findall(source))
         source = _EXPORTED.sub(lambda got: got[0].removeprefix("export "), source)
-        source = _IMPORT.sub(lambda got: _taken(got[1], of[got[2]]), source)
+        source = _IMPORT.sub(
+            lambda got: (
+                f'const {got[1].replace(" as ", ": ")} = modules["{of[got[2]]}"];\n' if got[1] else ""
+            ),
+            source,
+        )
         if name.endswith(".js") and name != entry:
             source = f'modules["{name}"] = (() => {{\n{source}return {{ {exports} }};\n}})();\n'
         found[name] = source
@@ -123,24 +132,10 @@ def whole(folder: Path, entry: str) -> str:
     return ("const modules = {};\n" if entry.endswith(".js") else "") + "".join(found.values())
 
 
-def _taken(names: str, module: str) -> str:
-    return f'const {names.replace(" as ", ": ")} = modules["{module}"];\n' if names else ""
-
-
-def _policy(script: str, style: str) -> str:
-    """Return a content security policy that allows only the page's own script and no loading."""
-    digests = (hashlib.sha256(text.encode()).digest() for text in (script, style))
-    own_script, own_style = (f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
-    return (
-        f"default-src 'none'; script-src {own_script};"
-        f" style-src {own_style}; img-src data: blob:; base-uri 'none'; form-action 'none'"
-    )
-
-
 def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
     history, growth, integration = session.history, session.growth, session.integration
     view, axis, recording = growth.view, integration.axis, integration.recording
-    window = window_of(view.valid) or np.s_[0:0, 0:0]
+    garment, window = session.data.garment, window_of(view.valid) or np.s_[0:0, 0:0]
     cloth = growth.first_step[window] >= 0
     xyz = view.xyz_m[window][cloth].astype(np.float64)
     around, around_rgb = _around(session)
@@ -153,6 +148,8 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
     parcel.array("around_rgb", differences(np.concatenate(around_rgb) & _AROUND_COLOR_BITS))
     starts = np.cumsum([0, *(len(points) for points in around)]).tolist()
     shown_low, shown_high = np.nanpercentile(every, 0.5, axis=0), np.nanpercentile(every, 99.5, axis=0)
+    along = (every - axis.point_m) @ axis.direction
+    ends = np.nanmin(along) - 0.05, np.nanmax(along) + 0.05
     return {
         "format": FORMAT,
         "recording": {
@@ -171,16 +168,16 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
         "axis": {
             "direction": axis.direction.tolist(),
             "across": [across.tolist() for across in horizontal_axes(axis)],
-            "line": [p.tolist() for p in _axis_ends(every, axis)],
+            "line": [(axis.point_m + end * axis.direction).tolist() for end in ends],
         },
         "around_spacing_m": AROUND_SPACING_M,
         "around": [{"start": a, "count": b - a} for a, b in itertools.pairwise(starts)],
         "steps": _steps(growth, axis),
         "decisions": _decisions(session),
         "picks": [_pick(session, pick) for pick in history.picks],
-        "garment": {"text": session.garment, "found": None}
-        if isinstance(session.garment, str)
-        else {"text": "", "found": summary(session.garment)},
+        "garment": {"text": garment, "found": None}
+        if isinstance(garment, str)
+        else {"text": "", "found": summary(garment)},
         "layers": _layers(session, parcel, view),
         "other": _other_side(session, parcel, low, step_m),
     }
@@ -188,7 +185,7 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
 
 def _other_side(session: OpenedSession, parcel: Parcel, low: Float64, step_m: float) -> dict[str, Any] | None:
     """Return the other side, as seen from its own outside; None if the session has one side."""
-    sides = session.sides
+    sides = session.data.sides
     if not isinstance(sides, JoinedSides):
         return None
     sheet = lay_out(sides.other)
@@ -290,12 +287,6 @@ def _half_extents_m(xyz: Float64, center: Float64, axis: RotationAxis) -> list[f
     along = offset @ axis.direction
     across = np.linalg.norm(offset - along[:, None] * axis.direction, axis=1)
     return [float(np.nanpercentile(across, 99.5)), float(np.nanpercentile(np.abs(along), 99.5))]
-
-
-def _axis_ends(points: Float64, axis: RotationAxis) -> tuple[Float64, Float64]:
-    along = (points - axis.point_m) @ axis.direction
-    low, high = np.nanmin(along) - 0.05, np.nanmax(along) + 0.05
-    return axis.point_m + low * axis.direction, axis.point_m + high * axis.direction
 
 
 def _steps(growth: Growth, axis: RotationAxis) -> list[dict[str, Any]]:

@@ -33,8 +33,8 @@ from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import GraspPose
 from flatcloth.methods.answers import JoinedSides
-from flatcloth.rendering.drawing import data_url, png_of
-from flatcloth.rendering.layers import LAYERS
+from flatcloth.rendering.drawing import data_url
+from flatcloth.rendering.layers import LAYERS, png
 
 
 def report(session: OpenedSession) -> str:
@@ -82,24 +82,31 @@ def _head(session: OpenedSession) -> Iterable[str]:
     views = ", ".join(f"{step.view_index} ({step.angle_deg:g}\u00b0)" for step in growth.steps)
     camera, day = recording.intrinsics, header.created[:10] or "at an unknown time"
     ended = history.document.finished or "Not finished: more views may be added."
+    limit = session.integration.accept_score
+    flags = Flags(limit, overridden(history, limit))
+    flagged = [
+        (f"\u2691 View {added.view_index}", "; ".join(FLAGS[flag] for flag in flags.of(added)))
+        for added in history.document.accepted
+    ]
+    count = {word: sum(d.verdict == word for d in history.decisions) for word in VERDICTS}
+    counted = [f"{n} {word}" for word, n in count.items() if n or word != SKIPPED]
+    gone = sum(not d.stands for d in history.decisions)
+    counted += [f"{gone} of them taken back"] if gone else []
     yield f"<h1>{escape(header.recording.name)}</h1>"
     yield f'<p class="lead">{escape(recording.description or "Integration of turned RGB-D views.")}</p>'
-    yield _facts(
-        [
-            ("Session", f"started {day}, flatcloth {header.versions.get('flatcloth', 'unknown')}"),
-            (
-                "Recording",
-                f"{header.recording.views} views, {camera.width} \u00d7 {camera.height} px",
-            ),
-            ("Method", header.method),
-            ("Shape", f"{1e4 * growth.area_m2:.0f} cm\u00b2 from {len(growth.steps)} views"),
-            *_floating(growth.sheet),
-            ("Views, in order", views),
-            ("Decisions", _counted(history.decisions)),
-            *_flagged(session),
-            ("End", ended),
-        ]
-    )
+    facts = [
+        ("Session", f"started {day}, flatcloth {header.versions.get('flatcloth', 'unknown')}"),
+        ("Recording", f"{header.recording.views} views, {camera.width} \u00d7 {camera.height} px"),
+        ("Method", header.method),
+        ("Shape", f"{1e4 * growth.area_m2:.0f} cm\u00b2 from {len(growth.steps)} views"),
+        *_floating(growth.sheet),
+        ("Views, in order", views),
+        ("Decisions", ", ".join(counted)),
+        *((name, words) for name, words in flagged if words),
+        ("End", ended),
+    ]
+    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts)
+    yield f'<dl class="facts">{rows}</dl>'
     wrong = session.integration.wrong(history.document)
     for note in ([told(wrong)] if wrong else []) + list(session.integration.notes):
         yield f'<p class="note">{escape(note)}</p>'
@@ -117,25 +124,12 @@ def _floating(sheet: Sheet) -> Iterable[tuple[str, str]]:
         )
 
 
-def _flagged(session: OpenedSession) -> Iterable[tuple[str, str]]:
-    """Yield the flags of each accepted view that has any."""
-    limit = session.integration.accept_score
-    flags = Flags(limit, overridden(session.history, limit))
-    for added in session.history.document.accepted:
-        if words := [FLAGS[flag] for flag in flags.of(added)]:
-            yield f"\u2691 View {added.view_index}", "; ".join(words)
-
-
 def _settings(config: Config) -> Iterable[str]:
     yield "<h2>Settings</h2>"
-    changed = differences(config)
-    if not changed:
-        yield "<p>All settings have their default values.</p>"
-        return
-    yield "<p>All settings have their default values except these:</p>"
-    yield table_html(
-        ("setting", "here", "default"), [(name, f"{here}", f"{there}") for name, here, there in changed]
-    )
+    changed = [(name, f"{here}", f"{there}") for name, here, there in differences(config)]
+    yield f"<p>All settings have their default values{' except these:' if changed else '.'}</p>"
+    if changed:
+        yield table_html(("setting", "here", "default"), changed)
 
 
 def _decisions(session: OpenedSession) -> Iterable[str]:
@@ -150,7 +144,7 @@ def _decisions(session: OpenedSession) -> Iterable[str]:
 
 def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     angle = session.integration.recording.angles_deg[decision.view_index]
-    picture = data_url(png_of(figures.picture_before(session, decision).rgba), "image/png")
+    picture = data_url(png(figures.picture_before(session, decision).rgba), "image/png")
     verdict = figures.verdict_text(decision).removeprefix(decision.verdict)
     about = f"View {decision.view_index} placed on the shape"
     gone = "" if decision.stands else " gone"
@@ -183,7 +177,7 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
 
 
 def _both_sides(session: OpenedSession) -> Iterable[str]:
-    sides = session.sides
+    sides = session.data.sides
     if sides is None:
         return
     yield "<h2>Both sides</h2>"
@@ -212,7 +206,7 @@ def _seam_rows(sides: JoinedSides) -> list[tuple[str, ...]]:
 
 
 def _garment(session: OpenedSession) -> Iterable[str]:
-    known = session.garment
+    known = session.data.garment
     yield "<h2>Garment</h2>"
     if isinstance(known, str):
         yield f"<p>{escape(known)}</p>"
@@ -292,23 +286,11 @@ def _figure(figure: Figure, kind: str = "") -> str:
     return f'<figure class="{kind}">{image}<figcaption>{caption}</figcaption></figure>'
 
 
-def _facts(facts: Sequence[tuple[str, str]]) -> str:
-    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts)
-    return f'<dl class="facts">{rows}</dl>'
-
-
 def table_html(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of texts."""
     names = "".join(f"<th>{escape(name)}</th>" for name in head)
     lines = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><thead><tr>{names}</tr></thead><tbody>{lines}</tbody></table>"
-
-
-def _counted(decisions: Sequence[Decision]) -> str:
-    count = {word: sum(d.verdict == word for d in decisions) for word in VERDICTS}
-    words = [f"{n} {word}" for word, n in count.items() if n or word != SKIPPED]
-    gone = sum(not d.stands for d in decisions)
-    return ", ".join([*words, *([f"{gone} of them taken back"] if gone else [])])
 
 
 def _vector(values: Floats) -> str:

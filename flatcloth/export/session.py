@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -47,8 +46,6 @@ from flatcloth.session.machine import Document
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
 
-_FLOATING = re.compile(r"floating-[1-9][0-9]{0,2}\.npz")
-
 
 @dataclass(frozen=True)
 class SessionData:
@@ -87,6 +84,8 @@ class SessionData:
     @cached_property
     def sides(self) -> JoinedSides | str | None:
         """The other side, joined to the shape, or why there is none; None if it was not asked for."""
+        if self.both is not None and not self.is_growing:
+            _ = self.garment  # recognised first: their deviations depend on it
         return None if self.both is None else self.both(self.document)
 
     @cached_property
@@ -142,15 +141,6 @@ class SessionData:
         remove_stale(files, folder)
         return written
 
-    def file(self, name: str) -> bytes | None:
-        """Return one file; None if the session has none of this name."""
-        return make() if (make := self.files().get(name)) else None
-
-
-def is_floating_file(name: str) -> bool:
-    """Return whether a name is that of a floating piece's file."""
-    return _FLOATING.fullmatch(name) is not None
-
 
 @dataclass(frozen=True, kw_only=True)
 class ViewNumbers:
@@ -160,45 +150,24 @@ class ViewNumbers:
     curves: ColumnCurves
 
 
-def _numbers_of(integration: Integration, view_index: int) -> ViewNumbers:
-    flattening = integration.views.flattening(view_index)
-    return ViewNumbers(
-        energies_m2=tuple(np.array(level.energy) for level in flattening.levels),
-        curves=column_curves(
-            flattening.view,
-            integration.axis,
-            integration.recording.angles_deg[view_index],
-            integration.config.planning.z_angle_limit_deg,
-        ),
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class OpenedSession:
     """A session for export; data are computed on first use.
 
-    ``progress`` is called with the progress of the work; ``kept`` is shared with other exports of it.
+    ``progress`` is called with the progress of the work; ``kept`` is shared with other exports of it;
+    ``numbers`` are those of :meth:`numbers_of`.
     """
 
     history: SessionHistory
     integration: Integration
     progress: Progress = no_progress
     kept: Kept = field(default_factory=Kept)
+    numbers: dict[int, ViewNumbers] = field(default_factory=dict)
 
     @cached_property
     def growth(self) -> Growth:
         """The shape and its growth."""
         return grow(self.integration, self.history, self.progress, self.kept)
-
-    @cached_property
-    def garments(self) -> GarmentService:
-        """Recognises the garment, once for all files."""
-        return self.kept.garments or GarmentService(self.integration, self.both)
-
-    @cached_property
-    def garment(self) -> KnownGarment | str:
-        """What is known of the garment, or why nothing is."""
-        return self.data().garment
 
     @cached_property
     def both(self) -> BothSides | None:
@@ -210,28 +179,12 @@ class OpenedSession:
         used = begun.garment.seams or any(pick.side == "other" for pick in picks)
         return self.kept.both_of(self.integration) if used or has_other_side(self.history.folder) else None
 
-    @cached_property
-    def sides(self) -> JoinedSides | str | None:
-        """The other side joined to the shape, or why there is none; None: the session has one side."""
-        if self.both is None:
-            return None
-        _ = self.garment  # recognised first: their deviations depend on it
-        return self._joined(self.history.begun)
-
-    def _joined(self, document: Document) -> JoinedSides | str:
-        assert self.both is not None
-        return self.both.of(document, self.progress, THREADS)
-
-    @property
-    def other_view(self) -> FlattenedView | None:
-        """The other side without its floating pieces; None if it is not known."""
-        return self.sides.other.view if isinstance(self.sides, JoinedSides) else None
-
     def view_of(self, side: SheetSide) -> FlattenedView | None:
         """Return the cloth of a side, floating pieces included; None if it is not known."""
         if side == "this":
             return self.growth.view
-        return lay_out(self.sides.other).view if isinstance(self.sides, JoinedSides) else None
+        sides = self.data.sides
+        return lay_out(sides.other).view if isinstance(sides, JoinedSides) else None
 
     def pose_of(self, pick: Pick) -> GraspPose | None:
         """Return the grasp pose of a pick or named point; None if its side or its normal is not known."""
@@ -263,32 +216,36 @@ class OpenedSession:
 
     def sheet_of(self, document: Document) -> Sheet:
         """Return the shape of a document of the past with its colors, without its measurements."""
-        return self.kept.sheets.get(
-            key_of(self.integration.axis, document),
+        sheet: Sheet = self.kept.values.get(
+            ("sheet", key_of(self.integration.axis, document)),
             lambda: colors_of(sheet_of(self.integration.canonical(document), document)),
         )
+        return sheet
 
     def numbers_of(self, view_index: int) -> ViewNumbers:
         """Return numbers of a view's own flattened view."""
-        if view_index not in self._numbers:
-            self._numbers[view_index] = _numbers_of(self.integration, view_index)
-        return self._numbers[view_index]
+        if view_index not in self.numbers:
+            integration, flattening = self.integration, self.integration.views.flattening(view_index)
+            angle_deg = integration.recording.angles_deg[view_index]
+            limit_deg = integration.config.planning.z_angle_limit_deg
+            self.numbers[view_index] = ViewNumbers(
+                energies_m2=tuple(np.array(level.energy) for level in flattening.levels),
+                curves=column_curves(flattening.view, integration.axis, angle_deg, limit_deg),
+            )
+        return self.numbers[view_index]
 
     @cached_property
-    def _numbers(self) -> dict[int, ViewNumbers]:
-        return {}
-
-    def data(self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None) -> SessionData:
-        """Return the data files; grasp poses are by default at the item's present rotation."""
-        history = self.history
+    def data(self) -> SessionData:
+        """The data files; grasp poses are at the item's present rotation."""
+        history, both = self.history, self.both
         return SessionData(
             self.integration,
             history.begun,
             history.picks,
-            frames_of(self.integration, history.document, history.grips, base_from_camera, rotation_deg),
+            frames_of(self.integration, history.document, history.grips),
             earlier_scores(history.folder),
-            self.garments,
-            None if self.both is None else self._joined,
+            self.kept.garments or GarmentService(self.integration, both),
+            None if both is None else lambda document: both.of(document, self.progress, THREADS),
         )
 
 

@@ -66,7 +66,10 @@ def grasp_at(view: FlattenedView, uv_m: tuple[float, float]) -> GraspPoint:
     if not view.valid.any():
         raise FlatclothError("Nothing is flattened yet; step first, then pick.")
     asked = view.rc_from_uv(np.asarray(uv_m))
-    row, col = _nearest_valid(view, asked)
+    row, col = np.rint(asked).astype(int).tolist()
+    if not (0 <= row < view.shape[0] and 0 <= col < view.shape[1] and view.valid[row, col]):
+        on_cloth = np.argwhere(view.valid)
+        row, col = on_cloth[int(np.square(on_cloth - asked).sum(axis=1).argmin())].tolist()
     uv = view.uv_from_rc(np.array([row, col]))
     inside = bool(np.all(np.abs(asked - (row, col)) <= 0.5 + 1e-9))
     return GraspPoint(
@@ -234,9 +237,14 @@ def grasp_pose(
         x = _unit_across(tangent.object_from_plane @ direction, approach)
     if x is None:
         source, direction = "level", None
-        x = _level(axis, approach)
+        x = np.cross(axis.direction, approach)
+        if np.linalg.norm(x) < 1e-6:  # approached from above: any horizontal direction will do
+            x = np.cross(axis.direction, np.eye(3)[int(np.argmin(np.abs(axis.direction)))])
+        x = x / np.linalg.norm(x)
     if direction is None and tangent is not None:
-        direction = _on_plane(tangent, x)
+        along: Float64 = np.linalg.pinv(tangent.object_from_plane) @ x
+        length = float(np.linalg.norm(along))
+        direction = along / length if length > 1e-9 else None
     stds_m = view.placement_std_m  # only some methods compute it
     return GraspPose(
         object_from_grasp=Rigid3(np.stack([x, np.cross(approach, x), approach], axis=1), position),
@@ -303,26 +311,3 @@ def _unit_across(vector: Float64, approach: Float64) -> Float64 | None:
     if not length > 0.1 * float(np.linalg.norm(vector)):
         return None
     return across / length
-
-
-def _level(axis: RotationAxis, approach: Float64) -> Float64:
-    across = np.cross(axis.direction, approach)
-    if np.linalg.norm(across) < 1e-6:  # approached from above: any horizontal direction will do
-        across = np.cross(axis.direction, np.eye(3)[int(np.argmin(np.abs(axis.direction)))])
-    unit: Float64 = across / np.linalg.norm(across)
-    return unit
-
-
-def _on_plane(tangent: TangentMap, x: Float64) -> Float64 | None:
-    direction: Float64 = np.linalg.pinv(tangent.object_from_plane) @ x
-    length = float(np.linalg.norm(direction))
-    return direction / length if length > 1e-9 else None
-
-
-def _nearest_valid(view: FlattenedView, asked_rc: Float64) -> tuple[int, int]:
-    row, col = (round(float(x)) for x in asked_rc)
-    if 0 <= row < view.shape[0] and 0 <= col < view.shape[1] and view.valid[row, col]:
-        return row, col
-    rows, cols = np.nonzero(view.valid)
-    best = int(np.argmin((rows - asked_rc[0]) ** 2 + (cols - asked_rc[1]) ** 2))
-    return int(rows[best]), int(cols[best])

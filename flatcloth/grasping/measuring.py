@@ -75,22 +75,19 @@ def _along(start: Float64, end: Float64, step_px: float) -> Float64:
     return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
 
 
-def _is_clear(cloth: Uint8, start: Float64, end: Float64) -> bool:
-    return bool(_on(cloth, _along(start, end, 0.5)).all())
-
-
 def _way(cloth: Uint8, ends: Float64) -> Float64 | None:
     """Return the shortest path (K, 2) over the cloth between two positions, or None if there is none."""
-    if _is_clear(cloth, ends[0], ends[1]):
-        return ends
-    steps = _way_by_cells(cloth, ends)
+
+    def is_clear(start: Float64, end: Float64) -> bool:
+        return bool(_on(cloth, _along(start, end, 0.5)).all())
+
+    steps = ends if is_clear(*ends) else _way_by_cells(cloth, ends)
     if steps is None:
         return None
     # Shorten it: from each corner go straight to the farthest visible point of the path.
     path, at = [steps[0]], 0
     while at < len(steps) - 1:
-        sight = (n for n in range(len(steps) - 1, at, -1) if _is_clear(cloth, steps[at], steps[n]))
-        at = next(sight, at + 1)
+        at = next((n for n in range(len(steps) - 1, at, -1) if is_clear(steps[at], steps[n])), at + 1)
         path.append(steps[at])
     return np.array(path)
 

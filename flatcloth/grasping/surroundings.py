@@ -54,8 +54,12 @@ def nearest_outline(view: FlattenedView, rc: tuple[int, int]) -> NearestOutline 
     Holes inside the cloth are unseen, not outline; other pieces of cloth on the plane do not count
     either.
     """
-    piece = _piece_around(view, rc)
-    padded = np.pad(piece, 1)
+    marks = np.pad(view.valid.astype(np.uint8), 1)
+    cv2.floodFill(marks, None, (rc[1] + 1, rc[0] + 1), _INSIDE, flags=8)
+    outside = np.where(marks == _INSIDE, np.uint8(_INSIDE), np.uint8(0))
+    cv2.floodFill(outside, None, (0, 0), _OUTSIDE, flags=4)
+    padded: Bool = outside != _OUTSIDE  # the piece that contains the pixel, with its holes filled
+    piece = padded[1:-1, 1:-1]
     inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
     edge = piece & ~inner
     uv = view.uv_from_rc(np.argwhere(edge))
@@ -124,14 +128,3 @@ def tangent_map(view: FlattenedView, rc: tuple[int, int]) -> TangentMap | None:
         scatter_m=math.sqrt(float(rest @ rest) / (len(rest) - terms.shape[1])),
         normal_spread_deg=math.degrees(math.sqrt(float(np.mean(tilt**2)))),
     )
-
-
-def _piece_around(view: FlattenedView, rc: tuple[int, int]) -> Bool:
-    """Return the piece of cloth (H, W) that contains a pixel, with its holes filled."""
-    row, col = rc
-    marks = np.pad(view.valid.astype(np.uint8), 1)
-    cv2.floodFill(marks, None, (col + 1, row + 1), _INSIDE, flags=8)
-    outside = np.where(marks == _INSIDE, np.uint8(_INSIDE), np.uint8(0))
-    cv2.floodFill(outside, None, (0, 0), _OUTSIDE, flags=4)
-    piece: Bool = outside[1:-1, 1:-1] != _OUTSIDE
-    return piece

@@ -79,11 +79,19 @@ def recording_from_arrays(
             image != 0
             for image in _images("masks", masks, count, ("b1", *whole), (), "Give bool (H, W).", size)
         ]
+    axis = None
+    if rotation_axis is not None:
+        given, fail = rotation_axis, failing("rotation_axis direction")
+        point, up = (given.point_m, given.direction) if isinstance(given, RotationAxis) else tuple(given)
+        unit = checked_direction(_vector("rotation_axis direction", up), fail)
+        if unit[1] > 0:
+            fail("does not point up", "Give a direction with negative y; negate the angles with it.")
+        axis = RotationAxis(point_m=_vector("rotation_axis point", point), direction=unit)
     return Recording(
         name=name,
         location="arrays",
         intrinsics=_camera(intrinsics, size),
-        rotation_axis=None if rotation_axis is None else _axis(rotation_axis),
+        rotation_axis=axis,
         held_point_m=None if held_point_m is None else _vector("held_point_m", held_point_m),
         angles_deg=tuple(angles.tolist()),
         has_masks=found is not None,
@@ -169,13 +177,3 @@ def _camera(given: Intrinsics | ArrayLike, size: tuple[int, ...]) -> Intrinsics:
         fx, fy, cx, cy = k[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
         given = Intrinsics(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
     return checked_intrinsics(given, failing("intrinsics"))
-
-
-def _axis(given: RotationAxis | tuple[ArrayLike, ArrayLike]) -> RotationAxis:
-    where = "rotation_axis"
-    point, direction = (given.point_m, given.direction) if isinstance(given, RotationAxis) else tuple(given)
-    fail = failing(f"{where} direction")
-    unit = checked_direction(_vector(f"{where} direction", direction), fail)
-    if unit[1] > 0:
-        fail("does not point up", "Give a direction with negative y; negate the angles with it.")
-    return RotationAxis(point_m=_vector(f"{where} point", point), direction=unit)

@@ -20,23 +20,20 @@ def open_folder(folder: Path) -> Recording:
     return image_recording(read_manifest(folder))
 
 
-def _is_folder(path: Path) -> bool:
-    return (path / HEADER).exists()
-
-
 def _open(path: Path, options: SourceOptions) -> Recording:
     options.refuse(str(path), "angles", "step_deg", "camera_file", "fov_deg", "turning_deg", "sweep")
     return open_folder(path)
 
 
 def _folders_below(path: Path) -> list[Path]:
-    return [] if _is_folder(path) else sorted(header.parent for header in path.glob(f"*/{HEADER}"))
+    is_one = (path / HEADER).exists()
+    return [] if is_one else sorted(header.parent for header in path.glob(f"*/{HEADER}"))
 
 
 FORMAT = Format(
     name="flatcloth",
     what=f"a recording folder (containing {HEADER})",
-    recognises=_is_folder,
+    recognises=lambda path: (path / HEADER).exists(),
     open=_open,
     recordings_below=_folders_below,
 )

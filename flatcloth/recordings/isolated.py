@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,11 @@ _REFUSED = ("camera_file", "fov_deg", "turning_deg", "sweep")
 
 
 def open_isolated(
-    kind: str, path: Path, options: Mapping[str, Any], progress: Progress = no_progress
+    kind: str,
+    path: Path,
+    angles: GivenAngles,
+    align: str | None = None,
+    progress: Progress = no_progress,
 ) -> Recording:
     """Open a recording in a worker process.
 
@@ -38,8 +42,10 @@ def open_isolated(
         ``realsense`` or ``ros``.
     path : Path
         File or folder.
-    options : mapping
-        The fields of ``realsense.turned.TurnOptions``, or of ``GivenAngles``; None means not given.
+    angles : GivenAngles
+        The table of angles, and the step.
+    align : str, optional
+        The camera whose pixels are kept, of a RealSense file.
     progress : callable
         Called with the share of the work done.
 
@@ -60,9 +66,8 @@ def open_isolated(
         ):
             return worker.ask(question, progress)
 
-    said = {name: value for name, value in options.items() if value is not None}
-    given = {name: str(value) if isinstance(value, Path) else value for name, value in said.items()}
-    about = ask({"kind": kind, "path": str(path), "options": given}, progress).table
+    given = {"table": angles.table and str(angles.table), "step_deg": angles.step_deg}
+    about = ask({"kind": kind, "path": str(path), "angles": given, "align": align}, progress).table
     lists = {name: tuple(about[name]) for name in ("notes", "angles_deg")}
     return Recording(
         **{**about, **lists, "intrinsics": Intrinsics(**about["intrinsics"])},
@@ -74,11 +79,6 @@ def _is_realsense(path: Path) -> bool:
     from flatcloth.recordings.realsense.player import is_realsense  # opening other kinds does not load it
 
     return is_realsense(path)
-
-
-def _open_realsense(path: Path, options: SourceOptions) -> Recording:
-    options.refuse(str(path), *_REFUSED)
-    return open_isolated("realsense", path, {"angles": options.angles, "step_deg": options.step_deg})
 
 
 def _is_ros(path: Path) -> bool:
@@ -93,29 +93,30 @@ def _is_ros(path: Path) -> bool:
     return False
 
 
-def _open_ros(path: Path, options: SourceOptions) -> Recording:
-    options.refuse(str(path), *_REFUSED)
-    return open_isolated("ros", path, {"table": options.angles, "step_deg": options.step_deg})
+def _format(kind: str, what: str, recognises: Callable[[Path], bool]) -> Format:
+    def opened(path: Path, options: SourceOptions) -> Recording:
+        options.refuse(str(path), *_REFUSED)
+        return open_isolated(kind, path, options.given_angles)
+
+    return Format(name=kind, what=what, recognises=recognises, open=opened)
 
 
-REALSENSE = Format(
-    name="realsense", what="a RealSense .db3 or .bag", recognises=_is_realsense, open=_open_realsense
-)
-ROS = Format(name="ros", what="a ROS .mcap or .bag", recognises=_is_ros, open=_open_ros)
+REALSENSE = _format("realsense", "a RealSense .db3 or .bag", _is_realsense)
+ROS = _format("ros", "a ROS .mcap or .bag", _is_ros)
 
 
 # --- the worker ------------------------------------------------------------------------------
 
 
 def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
-    path, options = Path(question["path"]), question["options"]
+    path, angles = Path(question["path"]), fitted(question["angles"], GivenAngles)
     if question["kind"] == "ros":
         from flatcloth.recordings.ros.recording import open_ros
 
-        return open_ros(path, fitted(options, GivenAngles), progress)
-    from flatcloth.recordings.realsense.turned import TurnOptions, open_realsense
+        return open_ros(path, angles, progress)
+    from flatcloth.recordings.realsense.turned import open_realsense
 
-    return open_realsense(path, fitted(options, TurnOptions), progress)
+    return open_realsense(path, angles, question["align"], progress)
 
 
 def main() -> None:

@@ -66,7 +66,7 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / HEADER
     if not path.is_file():
         raise RecordingError(f"{path}: missing. A recording is a folder that contains {HEADER}.")
-    return _Reader(folder).manifest(load_table(path))
+    return _manifest(folder, load_table(path))
 
 
 class CameraOfHeader(msgspec.Struct, frozen=True):
@@ -113,107 +113,83 @@ class RecordingHeader(msgspec.Struct, frozen=True):
     truth: Any = None
 
 
-class _Reader:
-    """Turns the decoded file into a manifest; every complaint names the file and the key."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._path = folder / HEADER
-        self._fail: Fail = failing(self._path)
-
-    def manifest(self, raw: Any) -> Manifest:
-        if isinstance(raw, dict):
-            self._check_format(raw.get("format"))
-        try:
-            header = fitted(raw, RecordingHeader)
-        except MisfitError as error:
-            remedy = f"Expected {error.expected}." if error.expected else "See the format."
-            self._fail(f"{error.where or 'the file'} is {error.found}", remedy)
-        intrinsics, lens = self._camera(header.intrinsics)
-        axis, turns = self._axis(header.rotation_axis)
-        held = header.held_point_m
-        return Manifest(
-            folder=self._folder,
-            name=one_line(header.name) or self._folder.name,
-            description=one_line(header.description),
-            intrinsics=intrinsics,
-            lens=lens,
-            depth_scale_m=self._depth_scale(header.depth_scale_m),
-            rotation_axis=axis,
-            held_point_m=None if held is None else self._point(held, "held_point_m"),
-            views=self._views(header.views, turns),
-            truth=header.truth,
-            notes=tuple(unused(self._path, list(unread(raw, RecordingHeader)))),
-        )
-
-    def _check_format(self, found: Any) -> None:
-        if found == FORMAT:
-            return
-        if isinstance(found, str) and found.startswith("flatcloth-recording/"):
-            self._fail(f"format {_short(found)} is unknown", f"Update flatcloth: it reads {FORMAT}.")
-        self._fail(f"format is {_short(found)}", f'Expected "{FORMAT}".')
-
-    def _depth_scale(self, scale: float) -> float:
-        if scale == 0:
-            self._fail("no depth (depth_scale_m is 0 or missing)", "flatcloth needs depth: record it.")
-        if not 1e-6 <= scale <= 0.1:
-            self._fail(f"depth_scale_m is {scale:g}", "Give metres per depth unit, 0.001 for millimetres.")
-        return scale
-
-    def _camera(self, given: CameraOfHeader) -> tuple[Intrinsics, Lens]:
-        width, height = self._size(given.width, "width"), self._size(given.height, "height")
-        camera = Intrinsics(width=width, height=height, fx=given.fx, fy=given.fy, cx=given.cx, cy=given.cy)
-        intrinsics = checked_intrinsics(camera, self._fail, "intrinsics.")
-        model, numbers = given.distortion_model, given.distortion
-        return intrinsics, checked_lens(intrinsics, numbers, self._fail, "intrinsics.", model)
-
-    def _axis(self, given: AxisOfHeader | None) -> tuple[RotationAxis | None, float]:
-        """Return the axis, and the sign (1 or -1) of the file's angles about it."""
-        if given is None:
-            return None, 1.0
-        point = self._point(given.point_m, "rotation_axis.point_m")
-        direction = checked_direction(np.array(given.direction), self._fail, "rotation_axis.direction ")
+def _manifest(folder: Path, raw: Any) -> Manifest:
+    """Turn the decoded file into a manifest; every complaint names the file and the key."""
+    path = folder / HEADER
+    fail: Fail = failing(path)
+    found = raw.get("format") if isinstance(raw, dict) else FORMAT
+    if isinstance(found, str) and found != FORMAT and found.startswith("flatcloth-recording/"):
+        fail(f"format {_short(found)} is unknown", f"Update flatcloth: it reads {FORMAT}.")
+    if found != FORMAT:
+        fail(f"format is {_short(found)}", f'Expected "{FORMAT}".')
+    try:
+        header = fitted(raw, RecordingHeader)
+    except MisfitError as error:
+        remedy = f"Expected {error.expected}." if error.expected else "See the format."
+        fail(f"{error.where or 'the file'} is {error.found}", remedy)
+    if header.depth_scale_m == 0:
+        fail("no depth (depth_scale_m is 0 or missing)", "flatcloth needs depth: record it.")
+    if not 1e-6 <= header.depth_scale_m <= 0.1:
+        scale = f"depth_scale_m is {header.depth_scale_m:g}"
+        fail(scale, "Give metres per depth unit, 0.001 for millimetres.")
+    k, axis, turns = header.intrinsics, header.rotation_axis, 1.0
+    for name, number in (("width", k.width), ("height", k.height)):
+        if not number.is_integer() or not 8 <= number <= 16384:
+            fail(f"intrinsics.{name} is {number:g}", "Expected whole pixels, 8 to 16384.")
+    camera = Intrinsics(width=int(k.width), height=int(k.height), fx=k.fx, fy=k.fy, cx=k.cx, cy=k.cy)
+    intrinsics = checked_intrinsics(camera, fail, "intrinsics.")
+    points = {"held_point_m": header.held_point_m}
+    points |= {} if axis is None else {"rotation_axis.point_m": axis.point_m}
+    for place, point in points.items():
+        if point is not None and np.abs(point).max() > 100:
+            fail(f"{place} lies more than 100 m away", "Give metres, camera frame.")
+    if axis is not None:
+        direction = checked_direction(np.array(axis.direction), fail, "rotation_axis.direction ")
         # Inside the program the axis points up (y is down); a rotation about the opposite direction has
         # the opposite sign.
         turns = -1.0 if direction[1] > 0 else 1.0
-        return RotationAxis(point_m=point, direction=turns * direction), turns
+        turning = RotationAxis(point_m=np.array(axis.point_m), direction=turns * direction)
+    return Manifest(
+        folder=folder,
+        name=one_line(header.name) or folder.name,
+        description=one_line(header.description),
+        intrinsics=intrinsics,
+        lens=checked_lens(intrinsics, k.distortion, fail, "intrinsics.", k.distortion_model),
+        depth_scale_m=header.depth_scale_m,
+        rotation_axis=None if axis is None else turning,
+        held_point_m=None if header.held_point_m is None else np.array(header.held_point_m),
+        views=_views(folder, header.views, turns),
+        truth=header.truth,
+        notes=tuple(unused(path, list(unread(raw, RecordingHeader)))),
+    )
 
-    def _views(self, given: tuple[ViewOfHeader, ...], turns: float) -> tuple[ViewFiles, ...]:
-        if not given:
-            self._fail("views is empty", "List at least one view.")
-        names = [f"views[{n}]" for n in range(len(given))]
-        check_distinct([view.angle_deg for view in given], f"{self._path}:", names)
-        views = tuple(self._view(view, name, turns) for view, name in zip(given, names, strict=True))
-        without = [i for i, v in enumerate(views) if v.mask is None]
-        if 0 < len(without) < len(views):
-            self._fail(
-                f"views[{without[0]}] has no mask, but other views have one",
-                "Give every view a mask, or none: the side of interest must be the same in all.",
-            )
-        return views
 
-    def _view(self, given: ViewOfHeader, where: str, turns: float) -> ViewFiles:
-        if abs(given.angle_deg) > 3600:
-            self._fail(f"{where}.angle_deg is {given.angle_deg:g}", "Give degrees since view 0.")
-        if given.depth is None:
-            self._fail(f"{where} has no depth image", "flatcloth needs depth in every view.")
+def _views(folder: Path, given: tuple[ViewOfHeader, ...], turns: float) -> tuple[ViewFiles, ...]:
+    """Return the views; ``turns`` is the sign (1 or -1) of their angles."""
+    path, views = folder / HEADER, list[ViewFiles]()
+    fail: Fail = failing(path)
+    if not given:
+        fail("views is empty", "List at least one view.")
+    names = [f"views[{n}]" for n in range(len(given))]
+    check_distinct([view.angle_deg for view in given], f"{path}:", names)
+    for where, view in zip(names, given, strict=True):
+        if abs(view.angle_deg) > 3600:
+            fail(f"{where}.angle_deg is {view.angle_deg:g}", "Give degrees since view 0.")
+        if view.depth is None:
+            fail(f"{where} has no depth image", "flatcloth needs depth in every view.")
         files = {
-            kind: inside(self._folder, name, self._path, f"{where}.{kind}")
+            kind: inside(folder, name, path, f"{where}.{kind}")
             for kind in ("color", "depth", "mask", "truth")
-            if (name := getattr(given, kind)) is not None or kind == "color"
+            if (name := getattr(view, kind)) is not None or kind == "color"
         }
-        return ViewFiles(angle_deg=turns * given.angle_deg + 0.0, **files)  # + 0.0: no negative zero
-
-    def _size(self, number: float, name: str) -> int:
-        if not number.is_integer() or not 8 <= number <= 16384:
-            self._fail(f"intrinsics.{name} is {number:g}", "Expected whole pixels, 8 to 16384.")
-        return int(number)
-
-    def _point(self, value: tuple[float, float, float], where: str) -> Float64:
-        point = np.array(value)
-        if np.abs(point).max() > 100:
-            self._fail(f"{where} lies more than 100 m away", "Give metres, camera frame.")
-        return point
+        views.append(ViewFiles(angle_deg=turns * view.angle_deg + 0.0, **files))  # + 0.0: no negative zero
+    without = [where for where, view in zip(names, views, strict=True) if view.mask is None]
+    if 0 < len(without) < len(views):
+        fail(
+            f"{without[0]} has no mask, but other views have one",
+            "Give every view a mask, or none: the side of interest must be the same in all.",
+        )
+    return tuple(views)
 
 
 def has_views(folder: Path) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from flatcloth.core.decoding import Finite, MisfitError, fitted
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Intrinsics, RgbdFrame, Uint8
+from flatcloth.core.types import Intrinsics, RgbdFrame
 from flatcloth.recordings.base import Recording, ViewImages, altered
 
 T = TypeVar("T")
@@ -168,19 +168,18 @@ def options_of(kind: type[T], values: Mapping[str, Any], where: str) -> T:
 
 
 def _untexted(value: Any, kind: str) -> Any:
-    if isinstance(value, str) and kind.startswith("tuple"):
-        return [each for item in value.replace(",", " ").split() for each in _listed(item)]
-    return {"yes": True, "no": False}.get(str(value).lower(), value) if kind.startswith("bool") else value
-
-
-def _listed(item: str) -> list[Any]:
-    """Return what an item of a list says: itself, a pair, or the pairs of a run of views (``0-34=1-35``)."""
-    if run := re.fullmatch(r"(\d+)-(\d+)=(\d+)-(\d+)", item, re.ASCII):
-        one, last, other, its_last = map(int, run.groups())
+    if not isinstance(value, str) or not kind.startswith("tuple"):
+        return {"yes": True, "no": False}.get(str(value).lower(), value) if kind.startswith("bool") else value
+    listed: list[Any] = []
+    for item in value.replace(",", " ").split():  # a value, a pair, or the pairs of a run (``0-34=1-35``)
+        run = re.fullmatch(r"(\d+)-(\d+)=(\d+)-(\d+)", item, re.ASCII)
+        one, last, other, its_last = map(int, run.groups()) if run else (0, -1, 0, 0)
         if 0 <= last - one == abs(its_last - other) < 10_000:
             way = 1 if other <= its_last else -1
-            return [(one + n, other + way * n) for n in range(last - one + 1)]
-    return [item.split("=") if "=" in item else item]
+            listed += [(one + n, other + way * n) for n in range(last - one + 1)]
+        else:
+            listed.append(item.split("=") if "=" in item else item)
+    return listed
 
 
 def mended(recording: Recording, mends: Mends) -> Recording:
@@ -212,10 +211,13 @@ def mended(recording: Recording, mends: Mends) -> Recording:
             frame = dataclasses.replace(frame, depth_m=recording[depth_of[kept[view]]].depth_m)
         return _images(frame, mends)
 
+    k, f = recording.intrinsics, mends.focal_factor
+    for _ in range(mends.rotate // 90):
+        k = Intrinsics(width=k.height, height=k.width, fx=k.fy, fy=k.fx, cx=k.height - 1 - k.cy, cy=k.cx)
     return altered(
         recording,
         notes=(*getattr(recording, "notes", ()), f"Mended: {mends.words()}."),
-        intrinsics=_camera(recording.intrinsics, mends),
+        intrinsics=dataclasses.replace(k, fx=k.fx * f, fy=k.fy * f),
         angles_deg=tuple(angle - angles[0] for angle in angles),
         read=read,
         rotation_axis=None if mends.estimate_axis else recording.rotation_axis,
@@ -223,12 +225,6 @@ def mended(recording: Recording, mends: Mends) -> Recording:
         has_masks=recording.has_masks and not mends.without_masks,
         mends=mends,
     )
-
-
-def _camera(k: Intrinsics, mends: Mends) -> Intrinsics:
-    for _ in range(mends.rotate // 90):
-        k = Intrinsics(width=k.height, height=k.width, fx=k.fy, fy=k.fx, cx=k.height - 1 - k.cy, cy=k.cx)
-    return dataclasses.replace(k, fx=k.fx * mends.focal_factor, fy=k.fy * mends.focal_factor)
 
 
 def _images(frame: RgbdFrame, mends: Mends) -> ViewImages:
@@ -243,20 +239,15 @@ def _images(frame: RgbdFrame, mends: Mends) -> ViewImages:
         image = image[:, ::-1] if mends.mirror else image
         return np.ascontiguousarray(np.rot90(image, -(mends.rotate // 90)))  # numpy turns anticlockwise
 
-    color = scaled_color(frame.color, mends.color_scale, mends.color_shift)
+    color, scale = frame.color, mends.color_scale
+    if mends.color_shift != (0.0, 0.0) or scale != 1.0:  # about the middle; the border repeats
+        import cv2
+
+        rows, cols = color.shape[:2]
+        middle = np.array([(cols - 1) / 2, (rows - 1) / 2])
+        moved = np.column_stack([scale * np.eye(2), (1 - scale) * middle + mends.color_shift])
+        made = cv2.warpAffine(color, moved, (cols, rows), borderMode=cv2.BORDER_REPLICATE)
+        color = np.asarray(made, dtype=np.uint8)
     return ViewImages(
         turned(color), turned(depth_m), *(None if mask is None else turned(mask) for mask in masks)
     )
-
-
-def scaled_color(color: Uint8, scale: float, shift_px: tuple[float, float]) -> Uint8:
-    """Return color (H, W, 3), enlarged about the middle, moved right and down; the border repeats."""
-    if shift_px == (0.0, 0.0) and scale == 1.0:
-        return color
-    rows, cols = color.shape[:2]
-    middle = np.array([(cols - 1) / 2, (rows - 1) / 2])
-    moved = np.column_stack([scale * np.eye(2), (1 - scale) * middle + shift_px])
-    import cv2
-
-    made = cv2.warpAffine(color, moved, (cols, rows), borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(made, dtype=np.uint8)

@@ -64,21 +64,16 @@ def _added() -> tuple[Format, ...]:
 
 def format_of(path: Path, options: SourceOptions) -> Format | None:
     """Return the format of a source: the one named by the options, or the first that recognises it."""
-    if options.format is None:
-        return next((form for form in every_format() if _recognises(form, path)), None)
     for form in every_format():
-        if form.name == options.format:
-            return form
+        try:
+            if form.name == options.format or (options.format is None and form.recognises(path)):
+                return form
+        except Exception:  # noqa: BLE001 - it may be another package's code
+            _log.exception("The format %s failed to examine %s.", form.name, path)
+    if options.format is None:
+        return None
     names = ", ".join(form.name for form in every_format())
     raise RecordingError(f"--format {options.format}: unknown format. Choose one of {names}.")
-
-
-def _recognises(form: Format, path: Path) -> bool:
-    try:
-        return bool(form.recognises(path))
-    except Exception:  # noqa: BLE001 - it may be another package's code
-        _log.exception("The format %s failed to examine %s.", form.name, path)
-        return False
 
 
 def open_by(form: Format, path: Path, options: SourceOptions) -> Recording:

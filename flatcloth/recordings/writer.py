@@ -167,7 +167,9 @@ class RecordingWriter:
             images["truth"] = self._checked("truth", truth_bgr, np.uint16, 3)
         self._check_view(angle_deg, images)
         view: dict[str, Any] = {"angle_deg": round(float(angle_deg), 6) + 0.0}
-        stem = self._free_stem()
+        # A recording that was edited by hand may use any file name for any view.
+        used = {Path(str(file)).stem for view in self._views for file in view.values()}
+        stem = next(stem for n in itertools.count(index) if (stem := f"{n:03d}") not in used)
         with os_errors_as(
             RecordingError,
             f"{self.folder}: view {index} cannot be written",
@@ -175,7 +177,10 @@ class RecordingWriter:
         ):
             for kind, pixels in images.items():
                 view[kind] = f"{kind}/{stem}.png"
-                self._write_image(self.folder / view[kind], pixels)
+                if not (self.folder / kind).is_dir():
+                    (self.folder / kind).mkdir()
+                    sync_folder(self.folder)
+                replace_file(self.folder / view[kind], _png(pixels))
             self._write_header([*self._views, view])
         self._views.append(view)
         return index
@@ -208,8 +213,7 @@ class RecordingWriter:
             return
         if any(self.folder.iterdir()):
             raise RecordingError(f"{self.folder}: not empty. Choose a new or an empty folder.")
-        # Claim the folder before the first view.
-        self._write_header([])
+        self._write_header([])  # claims the folder before the first view
 
     def _take_up(self, path: Path) -> None:
         try:
@@ -236,23 +240,6 @@ class RecordingWriter:
     def _write_header(self, views: list[dict[str, Any]]) -> None:
         text = json.dumps({**self._header, "views": views}, indent=1, allow_nan=False) + "\n"
         replace_file(self.folder / HEADER, text.encode())
-
-    def _free_stem(self) -> str:
-        # A recording that was edited by hand may use any file name for any view.
-        used = {Path(str(file)).stem for view in self._views for file in view.values()}
-        return next(stem for n in itertools.count(len(self._views)) if (stem := f"{n:03d}") not in used)
-
-    def _write_image(self, path: Path, pixels: Any) -> None:
-        import cv2
-
-        # Of noisy pictures smaller and in half the time of the search for what repeats.
-        how = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
-        done, data = cv2.imencode(".png", np.ascontiguousarray(pixels), how)
-        assert done  # the kind and the shape were checked
-        if not path.parent.is_dir():
-            path.parent.mkdir()
-            sync_folder(self.folder)
-        replace_file(path, data.tobytes())
 
     # --- checks ------------------------------------------------------------------------------
 
@@ -283,6 +270,14 @@ class RecordingWriter:
                 f"{array.shape}, not {np.dtype(dtype)} {wanted}."
             )
         return array
+
+
+def _png(pixels: Any) -> bytes:
+    import cv2
+
+    # Of noisy pictures smaller and in half the time of the search for what repeats.
+    how = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+    return cv2.imencode(".png", np.ascontiguousarray(pixels), how)[1].tobytes()
 
 
 # --- a recording that grows -----------------------------------------------------------------------
@@ -400,19 +395,14 @@ def write_masks(
     RecordingError
         If the folder holds something else, or cannot be written.
     """
-    import cv2
-
     with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise RecordingError(f"{folder}: not empty. Choose a new or an empty folder.")
         for n in range(len(recording)):
             progress(n / len(recording), f"writing mask {n}")
-            mask = recording[n].mask
-            assert mask is not None
-            done, data = cv2.imencode(".png", np.where(mask, 255, 0).astype(np.uint8))
-            assert done  # an image of one channel can always be encoded
-            (folder / f"{n:03d}.png").write_bytes(data.tobytes())
+            mask = np.asarray(recording[n].mask)
+            (folder / f"{n:03d}.png").write_bytes(_png(np.where(mask, 255, 0).astype(np.uint8)))
         (folder / _REPORT).write_text(json.dumps(dict(report), indent=1) + "\n")
     return len(recording)
 

@@ -13,7 +13,6 @@ import math
 import re
 import threading
 import warnings
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -197,16 +196,6 @@ def nice_below(value: float) -> float:
     """Return the largest of 1, 2 and 5 times a power of ten that is at most the value."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(factor * power for factor in (5, 2, 1, 0.5) if factor * power <= value * (1 + 1e-9))
-
-
-def png_of(pixels: Uint8) -> bytes:
-    """Return a picture (H, W, 3 or 4) uint8 as PNG."""
-    from PIL import Image
-
-    file = io.BytesIO()
-    # Runs of equal bytes only: a third faster, and 3 % larger. Measured on the figures of a session.
-    Image.fromarray(pixels).save(file, "PNG", compress_type=zlib.Z_RLE)
-    return file.getvalue()
 
 
 def webp_of(pixels: Uint8) -> bytes:

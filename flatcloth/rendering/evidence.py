@@ -45,11 +45,12 @@ def evidence(recording: Recording, finding: Finding) -> Uint8 | None:
     if finding.mends:
         told.append((f"with {finding.mends[0].words()}"[:60], mended(recording, finding.mends[0])))
     draw = _turned if len(set(finding.views)) > 1 else _outlined
-    views = [_index(made, view, recording) for made in (told[-1][1],) for view in finding.views]
-    pictures = [
-        _captioned(_fitted(draw(made, finding.views if made is recording else tuple(views))), text)
-        for text, made in told
-    ]
+    pictures = []
+    for text, made in told:  # a mended recording may have fewer views
+        views: tuple[int, ...] = finding.views
+        if len(made) != len(recording):
+            views = tuple(min(view, len(made) - 1) for view in views)
+        pictures.append(_captioned(_fitted(draw(made, views)), text))
     gap = np.full((pictures[0].shape[0], _GAP_PX, 3), _PAPER, np.uint8)
     return np.concatenate([pictures[0], *(part for p in pictures[1:] for part in (gap, p))], axis=1)
 
@@ -65,11 +66,6 @@ def mistaken(recording: Recording, views: tuple[int, int], mistakes: Mapping[str
     told = {"as recorded": recording, **{text: mended(recording, m) for text, m in mistakes.items()}}
     pictures = [_captioned(_fitted(_turned(made, views)), text) for text, made in told.items()]
     return np.concatenate(pictures, axis=1)
-
-
-def _index(made: Recording, view: int, recording: Recording) -> int:
-    """Return a view's number in a mended recording, which may have fewer."""
-    return min(view, len(made) - 1) if len(made) != len(recording) else view
 
 
 def _turned(recording: Recording, views: tuple[int, ...]) -> Uint8:

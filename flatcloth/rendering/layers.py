@@ -151,12 +151,13 @@ def difference_rgba(difference: Difference, kind: str, appearance: Appearance = 
 
 
 def png(image: Uint8) -> bytes:
-    """Encode an RGBA image (H, W, 4) as PNG, optimised for speed."""
+    """Encode an image (H, W, 3 or 4) as PNG, optimised for speed."""
     import cv2
 
     # Run-length encoding alone is faster than matching, and smaller for flat layers and camera noise.
     fast = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
-    done, data = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA), fast)
+    code = cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR
+    done, data = cv2.imencode(".png", cv2.cvtColor(image, code), fast)
     if not done:
         raise FlatclothError("A layer could not be encoded as PNG; see the log.")
     return bytes(data)
@@ -229,7 +230,14 @@ def legend(
         lacking = {"place": "Not provided by this method", "truth": "No kit was recorded"}
         return {"kind": "classes", "title": lacking.get(layer, "Not measured"), "classes": []}
     if layer == "source":
-        return {"kind": "classes", "title": "Source view", "classes": _sources(view, angles_deg)}
+        colors = view_colors(len(angles_deg))
+        used = sorted({int(i) for i in np.unique(view.view_index[view.valid])} - {-1})
+        classes = [
+            {"label": f"{i} ({angles_deg[i]:g}°)", "color": hex_of(colors[i])}
+            for i in used
+            if i < len(angles_deg)
+        ]
+        return {"kind": "classes", "title": "Source view", "classes": classes}
     if layer == "color":
         return {"kind": "none", "title": "Color"}
     scalar = SCALARS[layer]
@@ -254,16 +262,6 @@ def difference_legend(kind: str) -> dict[str, Any]:
         case "position":
             return _ramp("Distance in 3D (mm)", "loss", 0.0, 1000.0 * ERROR_SPAN_M)
     raise FlatclothError(f"Unknown difference {kind!r:.40}; choose one of {', '.join(DIFFERENCES)}.")
-
-
-def _sources(view: FlattenedView, angles_deg: tuple[float, ...]) -> list[dict[str, str]]:
-    colors = view_colors(len(angles_deg))
-    used = sorted({int(i) for i in np.unique(view.view_index[view.valid])} - {-1})
-    return [
-        {"label": f"{i} ({angles_deg[i]:g}°)", "color": hex_of(colors[i])}
-        for i in used
-        if i < len(angles_deg)
-    ]
 
 
 def _ramp(title: str, own_map: str, low: float, high: float) -> dict[str, Any]:

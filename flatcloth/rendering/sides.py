@@ -30,6 +30,8 @@ def side_rgba(
     offset_rc: tuple[int, int],
     shape: tuple[int, int],
     strokes: Bool | None = None,
+    *,
+    doubt: bool = False,
 ) -> Uint8:
     """Draw labels (h, w) at their place in an image: blue of interest, orange other, striped undecided.
 
@@ -45,6 +47,8 @@ def side_rgba(
         Rows and columns of the image.
     strokes : (h, w) bool, optional
         Cloth under strokes, drawn opaque.
+    doubt : bool
+        Draw how certain the labels are instead: the less certain, the stronger the magenta.
 
     Returns
     -------
@@ -61,7 +65,13 @@ def side_rgba(
     rows, cols = np.indices(side.shape)
     stripes = (rows + cols) // STRIPE_PX % 2 == 0
     image[(side == 0) & stripes] = UNDECIDED_RGBA
-    return _placed(image, offset_rc, shape)
+    if doubt:
+        image = shape_rgba(np.where(side == 2, np.nan, certainty).astype(np.float32))
+    whole = np.empty((*shape, 4), dtype=np.uint8)
+    whole[:] = OUTSIDE_RGBA
+    (top, left), (height, width) = offset_rc, side.shape
+    whole[top : top + height, left : left + width] = image
+    return whole
 
 
 def small_side_rgba(
@@ -72,26 +82,13 @@ def small_side_rgba(
     *,
     doubt: bool = False,
 ) -> Uint8:
-    """Draw labels (h, w) in a smaller picture of this shape, clear off the item; see :func:`side_rgba`.
-
-    With ``doubt`` it draws how certain they are, as :func:`certainty_rgba` does.
-    """
+    """Draw labels (h, w) in a smaller picture of this shape, clear off the item; see :func:`side_rgba`."""
     rows, cols = ((np.arange(n) + 0.5) * size // n for n, size in zip(shape, side.shape, strict=True))
     at = np.ix_(rows.astype(np.intp), cols.astype(np.intp))
-    if doubt:
-        image = certainty_rgba(side[at], certainty[at], (0, 0), shape)
-    else:
-        image = side_rgba(side[at], certainty[at], (0, 0), shape, None if strokes is None else strokes[at])
+    under = None if strokes is None else strokes[at]
+    image = side_rgba(side[at], certainty[at], (0, 0), shape, under, doubt=doubt)
     image[side[at] == 2] = 0
     return image
-
-
-def certainty_rgba(
-    side: NDArray[np.int8], certainty: Float32, offset_rc: tuple[int, int], shape: tuple[int, int]
-) -> Uint8:
-    """Draw how certain the labels are: the less certain, the stronger the magenta; see :func:`side_rgba`."""
-    image = shape_rgba(np.where(side == 2, np.nan, certainty).astype(np.float32))
-    return _placed(image, offset_rc, shape)
 
 
 def shape_rgba(certainty: Float32) -> Uint8:
@@ -100,15 +97,6 @@ def shape_rgba(certainty: Float32) -> Uint8:
     image = np.zeros((*certainty.shape, 4), dtype=np.uint8)
     image[..., :3] = (197, 27, 125)
     image[..., 3] = (220 * doubt).astype(np.uint8)
-    return image
-
-
-def _placed(crop: Uint8, offset_rc: tuple[int, int], shape: tuple[int, int]) -> Uint8:
-    image = np.empty((*shape, 4), dtype=np.uint8)
-    image[:] = OUTSIDE_RGBA
-    top, left = offset_rc
-    rows, cols = crop.shape[:2]
-    image[top : top + rows, left : left + cols] = crop
     return image
 
 

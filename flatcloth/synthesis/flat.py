@@ -86,7 +86,9 @@ def flatten_panel(
         joined = np.ones(len(edge), dtype=bool)
     nodes = nodes_of(faces, joined, corner)
     placed, shift_m = np.zeros((len(faces), 3, 2)), 0.0
-    for part in _parts(nodes):
+    pairs = np.concatenate([nodes[:, [0, 1]], nodes[:, [1, 2]]])
+    label = components(int(nodes.max()) + 1, pairs)[nodes[:, 0]]
+    for part in (np.flatnonzero(label == i).astype(np.int32) for i in np.unique(label)):
         own, vertex = _compact(nodes[part], faces[part])
         if start is None:
             own, vertex = _compact(cut_to_disk(own, points[vertex], name), vertex[own])
@@ -135,13 +137,6 @@ def _sides(corners: Float64) -> Float64:
     """Return the lengths (K, 3) of the sides of triangles (K, 3, 2) or (K, 3, 3)."""
     lengths: Float64 = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=-1)
     return lengths
-
-
-def _parts(nodes: Int32) -> list[Int32]:
-    """Return the triangles of each connected part."""
-    pairs = np.concatenate([nodes[:, [0, 1]], nodes[:, [1, 2]]])
-    label = components(int(nodes.max()) + 1, pairs)[nodes[:, 0]]
-    return [np.flatnonzero(label == i).astype(np.int32) for i in np.unique(label)]
 
 
 def _compact(nodes: Int32, vertices: Int32) -> tuple[Int32, Int32]:

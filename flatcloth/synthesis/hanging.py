@@ -93,8 +93,9 @@ def hang(
     points = vertices @ camera_from_file.T * scale
     point = _held_point(points, held, camera_from_file * scale)
     points = points - point
-    if balanced:
-        points = points @ _balancing(points).T
+    middle = points.mean(axis=0)
+    if balanced and np.linalg.norm(middle) >= 1e-9:  # the smallest rotation that brings the centroid below
+        points = points @ Rotation.align_vectors(np.array([0.0, 1.0, 0.0]), middle)[0].as_matrix().T
     height = float(points[:, 1].max())  # y is down
     if height < 0.2 * extent:
         raise SynthesisError(
@@ -189,15 +190,6 @@ def _held_point(
             "Give it in the file's frame and unit."
         )
     return point
-
-
-def _balancing(points: Float64) -> Float64:
-    """Return the smallest rotation about the origin that brings the centroid of the points below it."""
-    middle = points.mean(axis=0)
-    if np.linalg.norm(middle) < 1e-9:
-        return np.eye(3)
-    found: Float64 = Rotation.align_vectors(np.array([0.0, 1.0, 0.0]), middle)[0].as_matrix()
-    return found
 
 
 def _apart(angles_deg: list[float]) -> tuple[float, ...]:

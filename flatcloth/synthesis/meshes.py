@@ -167,8 +167,13 @@ class _ObjReader:
         group, material = "", ""
         try:
             for key, words in self._lines():
-                if key == "v":
-                    self._vertices.append(_vertex(words))
+                if key == "v":  # its position, and its color if it has one
+                    numbers = [_number(word) for word in words]
+                    if len(numbers) < 3:
+                        raise ValueError("a vertex has three numbers")
+                    scale = numbers[3] if len(numbers) == 4 and numbers[3] else 1.0  # homogeneous
+                    numbers = numbers[: 6 if len(numbers) >= 6 else 3]
+                    self._vertices.append([number / scale for number in numbers])
                 elif key == "vt":
                     self._texture.append((_number(words[0]), _number(words[1]) if len(words) > 1 else 0.0))
                 elif key == "f":
@@ -309,16 +314,6 @@ def _textures_of(library: Path, notes: list[str]) -> dict[str, str]:
                     notes.append(f"{shortened(option[0].strip())} of {library.name} is not applied")
             found[material] = name if file_beside(library.parent, name) else _COMMENT.sub("", name).strip()
     return found
-
-
-def _vertex(words: list[str]) -> list[float]:
-    """Return the position of a vertex, with its color if it has one."""
-    numbers = [_number(word) for word in words]
-    if len(numbers) < 3:
-        raise ValueError("a vertex has three numbers")
-    if len(numbers) == 4 and numbers[3]:  # homogeneous
-        return [number / numbers[3] for number in numbers[:3]]
-    return numbers[: 6 if len(numbers) >= 6 else 3]
 
 
 def _number(word: str) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3, camera_from_object
-from flatcloth.core.types import Bool, Float64, Intrinsics, Progress, RotationAxis, Uint8, no_progress
+from flatcloth.core.types import Bool, Float64, Intrinsics, Progress, Uint8, no_progress
 from flatcloth.recordings.writer import RecordingWriter, Uint16
 from flatcloth.registration.axis import THREADS
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel
@@ -120,36 +119,41 @@ def synthesize(request: Request, progress: Progress = no_progress) -> HungItem:
     item = HungItem(request, progress)
     turning = turn(item.hung, request.angles_deg, request.loose, np.random.default_rng([request.seed, 1]))
     recorded_deg, count = turning.recorded_angles_deg, len(request.angles_deg)
+    loose = request.loose
+    described = [
+        f"synthetic, from the mesh {request.mesh.name}, {NOISES[request.noise]}",
+        "angles and axis recorded with errors" if loose.angle_deg or loose.axis_m else "",
+        "it sways from view to view" if loose.swing_m or loose.twist_deg else "",
+        "exposure and white balance waver" if request.exposure.share else "",
+    ]
 
     def seen(n: int) -> CellView:
         points_m = twisted(item.hung, turning.twist_deg[n])
-        return item.look(turning.camera_from_view0[n], points_m, np.random.default_rng([request.seed, 2, n]))
+        return item.seen(turning.camera_from_view0[n], points_m, np.random.default_rng([request.seed, 2, n]))
 
-    with RecordingWriter(
-        request.out,
-        name=request.name or request.out.resolve().name,
-        description=_description(request),
-        intrinsics=request.camera,
-        depth_scale_m=item.depth_unit_m,
-        rotation_axis=turning.recorded_axis,
-        held_point_m=np.round(item.hung.held_point_m, 4),
-        truth_header={
-            "garment": request.mesh.name.partition(".")[0],
-            "held_at": "highest point" if request.held is None else "chosen point",
-            "panel_of_interest": item.panel_of_interest,
-        },
-    ) as writer:
-        for n, view in enumerate(_ahead(seen, count)):
-            progress(n / count, f"view {n + 1} of {count}")
-            writer.add(recorded_deg[n], view.color, view.depth_units, view.mask, view.truth_bgr)
+    with (
+        RecordingWriter(
+            request.out,
+            name=request.name or request.out.resolve().name,
+            description=", ".join(filter(None, described)),
+            intrinsics=request.camera,
+            depth_scale_m=item.depth_unit_m,
+            rotation_axis=turning.recorded_axis,
+            held_point_m=np.round(item.hung.held_point_m, 4),
+            truth_header={
+                "garment": request.mesh.name.partition(".")[0],
+                "held_at": "highest point" if request.held is None else "chosen point",
+                "panel_of_interest": item.panel_of_interest,
+            },
+        ) as writer,
+        ThreadPoolExecutor(THREADS) as pool,
+    ):
+        for first in range(0, count, THREADS):  # not all at once: that would fill the memory
+            numbers = range(first, min(first + THREADS, count))
+            for n, view in zip(numbers, pool.map(seen, numbers), strict=True):
+                progress(n / count, f"view {n + 1} of {count}")
+                writer.add(recorded_deg[n], view.color, view.depth_units, view.mask, view.truth_bgr)
     return item
-
-
-def _ahead(make: Callable[[int], CellView], count: int) -> Iterator[CellView]:
-    """Yield what is made of each number below ``count``, in order; ``THREADS`` are made at the same time."""
-    with ThreadPoolExecutor(THREADS) as pool:
-        for n in range(0, count, THREADS):  # not all at once: that would fill the memory
-            yield from pool.map(make, range(n, min(n + THREADS, count)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +216,7 @@ class HungItem:
         reach_m = float(np.hypot(offset_m[:, 0], offset_m[:, 2]).max()) + _BESIDE_M
         self._range_m = (max(request.distance_m - reach_m, _NEAREST_M), request.distance_m + reach_m)
 
-    def look(self, pose: Rigid3, points_m: Float64, random: np.random.Generator) -> CellView:
+    def seen(self, pose: Rigid3, points_m: Float64, random: np.random.Generator) -> CellView:
         """Return what the camera sees of the vertices (N, 3), moved from where they hang into a pose.
 
         Raises
@@ -308,21 +312,10 @@ def _warnings(hung: Hung, panels: tuple[FlatPanel, ...], camera: Intrinsics) -> 
     return found
 
 
-def _description(request: Request) -> str:
-    loose, moves = request.loose, request.loose.swing_m or request.loose.twist_deg
-    more = [
-        "angles and axis recorded with errors" if loose.angle_deg or loose.axis_m else "",
-        "it sways from view to view" if moves else "",
-        "exposure and white balance waver" if request.exposure.share else "",
-    ]
-    parts = ["synthetic", f"from the mesh {request.mesh.name}", NOISES[request.noise], *filter(None, more)]
-    return ", ".join(parts)
-
-
 # --- a simulated cell -----------------------------------------------------------------------------
 
 
-class Cell:
+class Cell(HungItem):
     """A mesh on a simulated turntable; see the command ``active --cell``.
 
     ``points_m`` are its vertices (N, 3) as they hang at the start angle 0, camera frame; for evaluation.
@@ -336,7 +329,8 @@ class Cell:
     start_deg : float
         How the item is turned when the cell stands at 0 degrees.
     most_seen : bool
-        The panel of interest is the one that shows most of its outer face, not that of the request.
+        The panel of interest is the one, 1 or 2, whose outer face covers more pixels of four views round the
+        item, not that of the request.
 
     Raises
     ------
@@ -350,16 +344,20 @@ class Cell:
     """
 
     def __init__(self, request: Request, start_deg: float = 0.0, *, most_seen: bool = False) -> None:
-        self._request, self._start_deg = request, start_deg
-        self._item = HungItem(request)
-        if most_seen:
-            self._item.panel_of_interest = _most_seen(self._item, request.camera)
+        super().__init__(request)
+        self._start_deg, self.depth_scale_m, hung = start_deg, self.depth_unit_m, self.hung
         self.name = f"cell with {request.mesh.name.partition('.')[0]}"
         self.intrinsics: Intrinsics = request.camera
-        self.depth_scale_m = self._item.depth_unit_m
-        self.axis: RotationAxis = self._item.hung.axis
-        self.held_point_m: Float64 = self._item.hung.held_point_m
-        self.points_m: Float64 = self._item.hung.points_m
+        self.axis, self.held_point_m, self.points_m = hung.axis, hung.held_point_m, hung.points_m
+        if most_seen:
+            pixels = np.zeros(2)
+            for angle_deg in (0.0, 90.0, 180.0, 270.0):
+                placed = camera_from_object(self.axis, angle_deg).apply_with_normal(
+                    hung.points_m, self.normals
+                )
+                view = self.scene.view(request.camera, *placed)
+                pixels += [(view.outer & (view.panel == panel)).sum() for panel in (1, 2)]
+            self.panel_of_interest = int(pixels.argmax()) + 1
 
     def look(self, angle_deg: float, number: int) -> CellView:
         """Turn the item to an angle, and return what the camera sees.
@@ -376,17 +374,7 @@ class Cell:
         SynthesisError
             If the item is not in the image.
         """
-        seed, hung = self._request.seed, self._item.hung
-        sway, error_deg = astray(hung, self._request.loose, np.random.default_rng([seed, 1, number]))
+        seed, hung = self.request.seed, self.hung
+        sway, error_deg = astray(hung, self.request.loose, np.random.default_rng([seed, 1, number]))
         pose = sway @ camera_from_object(self.axis, self._start_deg + angle_deg + error_deg)
-        return self._item.look(pose, hung.points_m, np.random.default_rng([seed, 2, number]))
-
-
-def _most_seen(item: HungItem, camera: Intrinsics) -> int:
-    """Return the panel, 1 or 2, whose outer face covers more pixels of four views round the item."""
-    pixels = np.zeros(2)
-    for angle_deg in (0.0, 90.0, 180.0, 270.0):
-        pose = camera_from_object(item.hung.axis, angle_deg)
-        view = item.scene.view(camera, *pose.apply_with_normal(item.hung.points_m, item.normals))
-        pixels += [(view.outer & (view.panel == panel)).sum() for panel in (1, 2)]
-    return int(pixels.argmax()) + 1
+        return self.seen(pose, hung.points_m, np.random.default_rng([seed, 2, number]))

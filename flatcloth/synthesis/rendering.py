@@ -41,20 +41,9 @@ _TRUTH_UNITS_PER_M, _TRUTH_OFFSET_M, _TRUTH_OUTER = 20000.0, 1.5, 16
 
 
 def load_open3d() -> Any:
-    """Return the module ``open3d``.
-
-    Raises
-    ------
-    SynthesisError
-        If it is not installed, or a library it needs is missing.
-    """
-    try:
-        return load_with_libusb("open3d")
-    except (ImportError, OSError) as error:
-        raise SynthesisError(
-            f"Rendering needs Open3D, which cannot be loaded ({error}). "
-            "Run: pip install 'flatcloth[synthesis]', and install the system library named here."
-        ) from error
+    """Return the module ``open3d``; raises ``SynthesisError`` if it, or a library it needs, is missing."""
+    packages = "'flatcloth[synthesis]', and install the system library named here."
+    return load_with_libusb("open3d", SynthesisError, "Rendering needs Open3D", packages)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,15 +134,11 @@ class Scene:
         lit = dots.light(ray) * facing * (float(np.median(distance)) / distance) ** 2
         lit[caster.is_hidden(dots.at_m, ray)] = 0.0
         bright = (1 - _DYED) + _DYED * self._colors(hit).mean(axis=1)
-        bright *= self._weave(hit)
-        bright *= _DIFFUSE * facing + _DOTS * lit
-        return _averaged(_image(hit.seen, bright), camera).astype(np.float32)
-
-    def _weave(self, hit: _Hit) -> Float64:
-        """Return the brightness (N,) that yarns and their shadows give to hits, 1 in the mean."""
         at = hit.of(self._flat).T / _WEAVE_M
-        found: Float64 = ndimage.map_coordinates(self._yarns, at, np.float64, order=1, mode="grid-wrap")
-        return 1.0 + _WEAVE * found
+        # Yarns and their shadows change the brightness, which is 1 in the mean.
+        yarns = ndimage.map_coordinates(self._yarns, at, np.float64, order=1, mode="grid-wrap")
+        bright *= (1.0 + _WEAVE * yarns) * (_DIFFUSE * facing + _DOTS * lit)
+        return _averaged(_image(hit.seen, bright), camera).astype(np.float32)
 
     def _normal(self, hit: _Hit, normals: Float64) -> Float64:
         """Return the outward unit normals (N, 3) of hits: between those of vertices (N, 3)."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from scipy import ndimage
 
-from flatcloth.core.types import Float64, Int32, Int64, Uint8
+from flatcloth.core.types import Float64, Int32, Int64
 from flatcloth.synthesis.meshes import GarmentMesh
 
 PATTERNS = ("checker", "floral", "stripes", "plain")
@@ -51,17 +50,12 @@ def mesh_rgb(mesh: GarmentMesh, triangle: Int32, weights: Float64) -> Float64:
     if mesh.image is not None and mesh.corner_uv is not None:
         uv = (mesh.corner_uv[triangle] * weights[..., None]).sum(axis=1)
         for n, image in enumerate(mesh.images):
-            own = mesh.image[triangle] == n
-            rgb[own] = _looked_up(image, uv[own])
+            own, (rows, cols) = mesh.image[triangle] == n, image.shape[:2]
+            at = np.stack([rows * (1 - uv[own, 1]) - 0.5, cols * uv[own, 0] - 0.5])
+            for k in range(3):
+                level = ndimage.map_coordinates(image[..., k], at, np.float64, order=1, mode="grid-wrap")
+                rgb[own, k] = level / 255.0
     return rgb
-
-
-def _looked_up(image: Uint8, uv: Float64) -> Float64:
-    """Colors (N, 3) of a repeating image, v up."""
-    rows, cols = image.shape[:2]
-    at = np.stack([rows * (1 - uv[:, 1]) - 0.5, cols * uv[:, 0] - 0.5])
-    pick = partial(ndimage.map_coordinates, coordinates=at, output=np.float64, order=1, mode="grid-wrap")
-    return np.stack([pick(image[..., k]) for k in range(3)], axis=-1) / 255.0
 
 
 def _color(hue: float, saturation: float, value: float) -> Float64:

@@ -105,9 +105,7 @@ def test_a_source_keeps_the_name_that_it_has_in_the_output(tmp_path: Path) -> No
         write_recording(tmp_path / place)
     out = tmp_path / "out"
     for task in tasks(tmp_path / "x/a", tmp_path / "y/a", out=out):
-        (out / task.name).mkdir(parents=True)
-        (out / task.name / "task.json").write_text(json.dumps(task.to_dict()))
-        write_row({"name": task.name, "outcome": DONE}, out / task.name)
+        write_row({**task.to_dict(), "options": None, "outcome": DONE}, out / task.name)
     assert names(tmp_path / "y/a", out=out)[0].startswith("a-")
     assert names(tmp_path / "y/a", tmp_path / "x/a", out=out)[1] == "a"
 

@@ -70,7 +70,7 @@ def session(tmp_path_factory):
 
 def test_a_session_of_one_side_stays_one(cylinder, text) -> None:
     assert cylinder.both is None
-    assert cylinder.sides is None
+    assert cylinder.data.sides is None
     assert list(both_sides(cylinder)) == []
     assert "Both sides" not in text
     assert history_of(page(cylinder))["other"] is None
@@ -83,7 +83,7 @@ def history_of(text: str) -> dict:
 
 
 def test_both_sides_lie_as_an_opened_book_at_equal_heights(session) -> None:
-    this, other = session.view, session.sides.other.view
+    this, other = session.view, session.data.sides.other.view
     picture, shift_m = side_by_side(this, other)
     rows, cols = np.nonzero(picture.rgba[..., 3])
     own = np.argwhere(this.valid)
@@ -113,7 +113,7 @@ def test_the_animation_ends_with_both_sides(session, cylinder) -> None:
 
 
 def test_svg_and_dxf_have_both_sides_beside_one_another_and_none_mirrored(session) -> None:
-    view, other = session.view, session.other_view
+    view, other = session.view, session.data.sides.other.view
     drawn = drawing(view, "both", other=other)
     assert drawn.other is not None
     root = ElementTree.fromstring(outline_text(view, "both", ".svg", other=other))
@@ -133,7 +133,7 @@ def test_svg_and_dxf_have_both_sides_beside_one_another_and_none_mirrored(sessio
 def test_the_offline_page_has_the_cloth_of_the_other_side(session) -> None:
     other = history_of(page(session))["other"]
     assert other["is_related"]
-    assert other["count"] == int(session.other_view.valid.sum())
+    assert other["count"] == int(session.view_of("other").valid.sum())
     assert [layer["name"] for layer in other["layers"]][:2] == ["color", "height"]
 
 

@@ -106,7 +106,7 @@ def test_coco_s_library_reads_the_named_points_where_the_images_show_them(
     session: OpenedSession, tmp_path: Path
 ) -> None:
     result = tmp_path / "batch" / "cylinder"
-    session.data().write(result)
+    session.data.write(result)
     for name in ("session.json", "journal.jsonl"):
         (result / name).write_bytes((session.history.folder / name).read_bytes())
     place_points(result, session)

@@ -23,7 +23,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.by_name import made
-from flatcloth.export.figures import all_figures, garment, maps, of_decision, plan_of, side_of
+from flatcloth.export.figures import all_figures, garment, maps, plan_of, side_of
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import Plan
@@ -173,7 +173,7 @@ def test_figures_tell_what_happened(session: OpenedSession) -> None:
 
 
 def test_the_garment_is_drawn_with_its_outline_and_told_in_report_and_page(session: OpenedSession) -> None:
-    known = session.garment
+    known = session.data.garment
     assert isinstance(known, KnownGarment)
     (figure,) = garment(session)
     kind = known.found.kind.replace("_", " ")
@@ -201,7 +201,7 @@ def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedS
             return replace(session.integration.plan(document), sides=(), reason="967 cm2 new")
 
     other = OpenedSession(session.history, Otherwise())  # type: ignore[arg-type]
-    assert [f.name for f in of_decision(other, session.history.decisions[2])] == [
+    assert [f.name for f in all_figures(other) if f.name.startswith("decision-03")] == [
         "decision-03-view-2-overlay"
     ]
     text = report(other)

@@ -64,7 +64,7 @@ def drawn(session: OpenedSession, *shapes: Canonical) -> Integration:
     """An integration that draws these shapes: of the start view, and with each further view."""
 
     class Drawn:
-        recording = session.integration.recording
+        recording, axis = session.integration.recording, session.integration.axis
 
         def canonical(self, document: Document, _whole: Document | None = None) -> Canonical:
             return shapes[len(document.accepted)]
@@ -148,16 +148,15 @@ def test_the_axis_that_the_session_keeps_is_used_and_left_alone(tmp_path: Path) 
     write_axis(made.history.folder, replace(own, point_m=own.point_m + np.array([0.004, 0.0, 0.0])))
     before = {p.name: p.read_bytes() for p in made.history.folder.iterdir()}
     opened = open_session(made.history.folder)
-    np.testing.assert_allclose(opened.data().frames.axis.point_m, own.point_m + np.array([0.004, 0.0, 0.0]))
+    np.testing.assert_allclose(opened.data.frames.axis.point_m, own.point_m + np.array([0.004, 0.0, 0.0]))
     assert opened.growth.view.valid.any()
     assert {p.name: p.read_bytes() for p in made.history.folder.iterdir()} == before
 
 
-def test_poses_are_given_where_the_item_stands_unless_a_rotation_is_named(session: OpenedSession) -> None:
+def test_poses_are_given_where_the_item_stands(session: OpenedSession) -> None:
     last = session.integration.recording.angles_deg[session.growth.steps[-1].view_index]
-    assert session.data().frames.rotation_deg == last
-    assert session.data(rotation_deg=12.5).frames.rotation_deg == 12.5
-    assert session.data().frames.grips[1].opening_m == 0.06
+    assert session.data.frames.rotation_deg == last
+    assert session.data.frames.grips[1].opening_m == 0.06
 
 
 # --- what exports share ---------------------------------------------------------------------------

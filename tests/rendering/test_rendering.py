@@ -10,14 +10,13 @@ import pytest
 from PIL import Image
 from viewer_fakes import HEIGHT_M, PIXEL_M, RADIUS_M, CylinderRecording, cylinder_view
 
-from flatcloth.rendering.drawing import png_of, webp_of
-from flatcloth.rendering.layers import difference
+from flatcloth.rendering.drawing import webp_of
+from flatcloth.rendering.layers import difference, png
 from flatcloth.rendering.sides import (
     OTHER_RGBA,
     OUTSIDE_RGBA,
     THIS_RGBA,
     UNDECIDED_RGBA,
-    certainty_rgba,
     shape_rgba,
     side_rgba,
     small_side_rgba,
@@ -74,7 +73,7 @@ def test_a_small_picture_is_exact_where_it_is_opaque_and_smaller_than_a_png(coun
     pixels[:20] = 0
     made = webp_of(pixels)
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(made)).convert("RGBA")), pixels)
-    assert len(made) < len(png_of(pixels))
+    assert len(made) < len(png(pixels))
 
 
 # --- sides ----------------------------------------------------------------------------------------
@@ -113,7 +112,7 @@ def test_doubt_is_opaque_and_certainty_is_clear() -> None:
 
 
 def test_the_certainty_of_a_view_shows_the_item_only() -> None:
-    image = certainty_rgba(SIDE, np.full(SIDE.shape, 0.5, np.float32), (0, 0), SIDE.shape)
+    image = side_rgba(SIDE, np.full(SIDE.shape, 0.5, np.float32), (0, 0), SIDE.shape, doubt=True)
     assert image[0, 0, 3] == 220
     assert image[0, 2, 3] == 0
 

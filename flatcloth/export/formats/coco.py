@@ -18,8 +18,9 @@ import msgspec
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
+from flatcloth.core.geometry import window_of
 from flatcloth.core.plain_files import read_plain
-from flatcloth.core.types import Bool, Float64, RgbdFrame, RotationAxis
+from flatcloth.core.types import Float64, RgbdFrame, RotationAxis
 from flatcloth.export.data import GARMENT, GRASPS
 from flatcloth.export.files import write_text
 from flatcloth.garments.kinds import known_kinds
@@ -165,13 +166,16 @@ def _annotation(result: _Result, category: dict[str, Any], frame: RgbdFrame) -> 
     for name in category["keypoints"]:
         keypoints += _keypoint(result.garment.points.get(name), result.axis, frame)
     item = frame.mask if frame.mask is not None and frame.mask.any() else frame.depth_m > 0
-    box = _box(item)
+    rows, cols = window_of(item) or np.s_[0:0, 0:0]
+    box = [cols.start, rows.start, cols.stop - cols.start, rows.stop - rows.start]
+    outlines, _ = cv2.findContours(item.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    polygons = [outline.ravel().astype(float).tolist() for outline in outlines if len(outline) >= 3]
     return {
         "keypoints": keypoints,
         "num_keypoints": sum(flag > NOT_LABELLED for flag in keypoints[2::3]),
-        "bbox": box,
-        "area": float(item.sum()) if frame.mask is not None else box[2] * box[3],
-        "segmentation": [] if frame.mask is None else _polygons(item),
+        "bbox": [float(number) for number in box],
+        "area": float(item.sum() if frame.mask is not None else box[2] * box[3]),
+        "segmentation": [] if frame.mask is None else polygons,
     }
 
 
@@ -189,16 +193,3 @@ def _keypoint(point: _Point | None, axis: RotationAxis, frame: RgbdFrame) -> lis
 
 def _numbers(values: tuple[float | None, ...]) -> Float64:
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
-
-
-def _box(item: Bool) -> list[float]:
-    rows, cols = np.nonzero(item)
-    if not len(rows):
-        return [0.0, 0.0, 0.0, 0.0]
-    left, top = float(cols.min()), float(rows.min())
-    return [left, top, float(cols.max()) + 1 - left, float(rows.max()) + 1 - top]
-
-
-def _polygons(item: Bool) -> list[list[float]]:
-    contours, _ = cv2.findContours(item.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    return [contour.ravel().astype(float).tolist() for contour in contours if len(contour) >= 3]

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from flatcloth.core.geometry import Rigid3, camera_from_object
-from flatcloth.core.types import Bool, Float32, Intrinsics, RgbdFrame, Uint8
+from flatcloth.core.types import Bool, Float32, RgbdFrame, Uint8
 from flatcloth.export.data import png_bytes
 from flatcloth.export.garment import garment_points
 from flatcloth.export.session import OpenedSession
@@ -71,7 +71,7 @@ def moments(session: OpenedSession) -> Iterator[Moment]:
 
 def points_of(session: OpenedSession) -> list[Pick]:
     """Return the picks of a session, and the named points that were seen."""
-    return [*session.history.picks, *garment_points(session.garment)]
+    return [*session.history.picks, *garment_points(session.data.garment)]
 
 
 # --- rerun ----------------------------------------------------------------------------------------
@@ -152,7 +152,9 @@ def write_mcap(session: OpenedSession, path: Path) -> None:
 
     begun = datetime.fromisoformat(session.history.header.created)
     begun_ns = int(begun.timestamp()) * 1_000_000_000
-    context, poses = foxglove.Context(), _poses(session, points_of(session))
+    context = foxglove.Context()
+    found = {point.name: session.pose_of(point) for point in points_of(session)}
+    poses = {name: pose.object_from_grasp for name, pose in found.items() if pose is not None}
     with foxglove.open_mcap(path, allow_overwrite=True, context=context) as writer:
         log: dict[str, Any] = {
             "tf": channels.FrameTransformsChannel("/tf", context=context),
@@ -170,16 +172,6 @@ def write_mcap(session: OpenedSession, path: Path) -> None:
             "flatcloth",
             {"recording": session.history.header.recording.name, "method": session.history.header.method},
         )
-
-
-def _poses(session: OpenedSession, points: list[Pick]) -> dict[str, Rigid3]:
-    """Return the grasp poses in the object frame by name; points whose normal is unknown have none."""
-    found = {}
-    for point in points:
-        pose = session.pose_of(point)
-        if pose is not None:
-            found[point.name] = pose.object_from_grasp
-    return found
 
 
 def _messages(session: OpenedSession, moment: Moment, poses: dict[str, Rigid3]) -> dict[str, Any]:
@@ -201,9 +193,14 @@ def _messages(session: OpenedSession, moment: Moment, poses: dict[str, Rigid3]) 
         for pose in poses.values()
     ]
     flat = png_bytes(session.growth.view.rgb, moment.shown)
+    k = session.integration.recording.intrinsics
+    matrix = [k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0]
+    projection = [*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0]
     return {
         "tf": types.FrameTransforms(transforms=transforms),
-        "calibration": _calibration(types, session.integration.recording.intrinsics),
+        "calibration": types.CameraCalibration(
+            frame_id="camera", width=k.width, height=k.height, K=matrix, P=projection
+        ),
         "color": types.CompressedImage(frame_id="camera", data=jpeg(moment.frame.color), format="jpeg"),
         "cloud": _cloud(types, moment),
         "flat": types.CompressedImage(frame_id="flattened", data=flat, format="png"),
@@ -225,17 +222,6 @@ def _cloud(types: Any, moment: Moment) -> Any:
     ]  # fmt: skip
     return types.PointCloud(
         frame_id="object", point_stride=points.itemsize, fields=fields, data=points.tobytes()
-    )
-
-
-def _calibration(types: Any, camera: Intrinsics) -> Any:
-    matrix = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
-    return types.CameraCalibration(
-        frame_id="camera",
-        width=camera.width,
-        height=camera.height,
-        K=matrix,
-        P=[*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0],
     )
 
 

@@ -6,7 +6,6 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -27,31 +26,6 @@ _Maps = tuple[NDArray[Any], NDArray[Any]]
 """The columns and rows (H, W) of the recorded image from which the pixels of a pinhole camera are taken."""
 
 
-def _opencv(name: str) -> Callable[..., _Maps]:
-    """Return the maps of a model by a function of OpenCV."""
-
-    def maps(matrix: Float64, coefficients: Float64, size: tuple[int, int]) -> _Maps:
-        import cv2
-
-        x, y = attrgetter(name)(cv2)(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
-        return x, y
-
-    return maps
-
-
-def _bent(bend: Callable[[Float64, Float64], Float64]) -> Callable[..., _Maps]:
-    """Return the maps of a model by what moves positions (2, ...) x/z, y/z of rays to those in the image."""
-
-    def maps(matrix: Float64, coefficients: Float64, size: tuple[int, int]) -> _Maps:
-        scale, center = matrix[[0, 1], [0, 1], None, None], matrix[[0, 1], 2, None, None]
-        pixels = np.stack(np.meshgrid(*map(np.arange, size)))
-        with np.errstate(all="ignore"):  # numbers of no lens are refused by their maps
-            x, y = bend((pixels - center) / scale, np.resize([*coefficients, *[0.0] * 5], 5)) * scale + center
-            return x.astype(np.float32), y.astype(np.float32)
-
-    return maps
-
-
 def _modified(xy: Float64, coefficients: Float64) -> Float64:
     """Move rays as OpenCV does, but sideways what the radial part has moved."""
     k1, k2, p1, p2, k3 = coefficients
@@ -68,15 +42,16 @@ def _ftheta(xy: Float64, coefficients: Float64) -> Float64:
     return bent
 
 
-LENSES: dict[str, tuple[tuple[int, ...], Callable[..., _Maps]]] = {
-    "none": ((0,), _opencv("initUndistortRectifyMap")),
-    "brown_conrady": ((4, 5, 8, 12, 14), _opencv("initUndistortRectifyMap")),
-    "fisheye": ((4,), _opencv("fisheye.initUndistortRectifyMap")),
-    "inverse_brown_conrady": ((4, 5), _opencv("initInverseRectificationMap")),
-    "modified_brown_conrady": ((4, 5), _bent(_modified)),
-    "ftheta": ((1,), _bent(_ftheta)),
+LENSES: dict[str, tuple[tuple[int, ...], str | Callable[[Float64, Float64], Float64]]] = {
+    "none": ((0,), "initUndistortRectifyMap"),
+    "brown_conrady": ((4, 5, 8, 12, 14), "initUndistortRectifyMap"),
+    "fisheye": ((4,), "fisheye.initUndistortRectifyMap"),
+    "inverse_brown_conrady": ((4, 5), "initInverseRectificationMap"),
+    "modified_brown_conrady": ((4, 5), _modified),
+    "ftheta": ((1,), _ftheta),
 }
-"""The models of lens distortion: their numbers of coefficients, and their maps.
+"""The models of lens distortion: their numbers of coefficients, and the function of OpenCV that returns their
+maps, or one that moves positions (2, ...) x/z, y/z of rays to those in the image.
 
 OpenCV's have the order ``k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty``; librealsense's are those of its
 ``rsutil.h``.
@@ -120,6 +95,7 @@ class Lens:
     ) -> None:
         self._intrinsics, self.model, self._skew_px = intrinsics, model, skew_px
         self._coefficients = np.array(coefficients, dtype=np.float64)
+        self._maps: _Maps | None = None
 
     @property
     def is_identity(self) -> bool:
@@ -149,18 +125,27 @@ class Lens:
             return image
         import cv2
 
+        if self._maps is None:
+            self._maps = self._maps_of(1.0, 1.0, (self._intrinsics.width, self._intrinsics.height))
         how = cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST
         return cv2.remap(image, *self._maps, how, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-
-    @cached_property
-    def _maps(self) -> _Maps:
-        return self._maps_of(1.0, 1.0, (self._intrinsics.width, self._intrinsics.height))
 
     def _maps_of(self, right: float, down: float, size: tuple[int, int]) -> _Maps:
         """Return the maps of the camera with its images scaled to a size by factors."""
         k = self._intrinsics
         matrix = np.array([[k.fx * right, 0.0, k.cx * right], [0.0, k.fy * down, k.cy * down], [0, 0, 1]])
-        x, y = LENSES[self.model][1](matrix, self._coefficients, size)
+        way = LENSES[self.model][1]
+        if isinstance(way, str):
+            import cv2
+
+            lens = matrix, self._coefficients, np.eye(3), matrix, size, cv2.CV_32FC1
+            x, y = attrgetter(way)(cv2)(*lens)
+        else:
+            scale, center = matrix[[0, 1], [0, 1], None, None], matrix[[0, 1], 2, None, None]
+            rays = (np.stack(np.meshgrid(*map(np.arange, size))) - center) / scale
+            with np.errstate(all="ignore"):  # numbers of no lens are refused by their maps
+                bent = way(rays, np.resize([*self._coefficients, *[0.0] * 5], 5)) * scale + center
+                x, y = bent.astype(np.float32)
         slope = self._skew_px * right / matrix[1, 1]
         return (x + slope * (y - matrix[1, 2])).astype(np.float32) if slope else x, y
 

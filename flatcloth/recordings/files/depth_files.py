@@ -92,13 +92,8 @@ def read_pcd_header(path: Path) -> ImageHeader:
 def read_pcd(path: Path) -> OrganisedCloud:
     """Read an organised cloud: ascii, binary or binary_compressed."""
     header = read_pcd_header(path)
-    try:
-        open3d = load_with_libusb("open3d")
-    except (ImportError, OSError) as error:
-        raise RecordingError(
-            f"{path}: the library open3d, which reads it, is missing ({error}). "
-            "Run: pip install 'flatcloth[synthesis]'"
-        ) from error
+    need = f"{path}: needs the library open3d"
+    open3d = load_with_libusb("open3d", RecordingError, need, "'flatcloth[synthesis]'")
     with damage_told(path):
         # Its readers of tensors write past their memory where a field has several values.
         cloud = open3d.io.read_point_cloud(str(path), format="pcd", remove_nan_points=False)
@@ -183,7 +178,13 @@ def read_depth_header(path: Path) -> ImageHeader:
             if start[:4] in _TIFF:
                 header = _tiff_header(file, _TIFF[start[:4]])
             elif start.startswith(_NPY):
-                header = _npy_header(path)
+                stored = np.load(path, mmap_mode="r", allow_pickle=False)  # looks at the length, too
+                shape = [n for n in stored.shape if n != 1]  # also one image of a list, or of one channel
+                if len(shape) != 2 or stored.dtype.kind not in "uif" or stored.dtype.itemsize > 8:
+                    cause = f"has the type {stored.dtype} and the shape {stored.shape}"
+                    raise RecordingError(f"{path}: {cause}. Save numbers (H, W).")
+                bits = 8 * stored.dtype.itemsize
+                header = ImageHeader(kind="npy", width=shape[1], height=shape[0], channels=1, bits=bits)
             elif start.startswith(_PCD):
                 header = read_pcd_header(path)
             else:
@@ -209,7 +210,13 @@ def decode_depth_m(path: Path, header: ImageHeader, metres_per_unit: float) -> F
     RecordingError
         If the file is damaged, or floating-point depth is not in metres.
     """
-    values = _decode(path, header)
+    if header.kind == "npy":
+        values: NDArray[Any] = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
+        values = values.reshape(header.height, header.width)
+    elif header.kind == "pcd":
+        values = read_pcd(path).depth_m
+    else:
+        values = decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))
     if values.shape != (header.height, header.width):
         raise RecordingError(f"{path}: cannot be decoded. Export the image again.")
     known = values[np.isfinite(values) & (values > 0)]
@@ -228,26 +235,6 @@ def metres_of(values: NDArray[Any], metres_per_unit: float) -> Float32:
         metres: Float32 = np.multiply(units, np.float32(metres_per_unit), dtype=np.float32)
         return metres
     return np.where((values > 0) & (values <= FARTHEST_M), values, 0.0).astype(np.float32)
-
-
-def _decode(path: Path, header: ImageHeader) -> NDArray[Any]:
-    if header.kind == "npy":
-        data = read_bytes(path)
-        values: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
-        return values.reshape(header.height, header.width)
-    if header.kind == "pcd":
-        return read_pcd(path).depth_m
-    return decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))
-
-
-def _npy_header(path: Path) -> ImageHeader:
-    stored = np.load(path, mmap_mode="r", allow_pickle=False)  # looks at the length of the file, too
-    shape = tuple(n for n in stored.shape if n != 1)  # also one image of a list, or of one channel
-    if len(shape) != 2 or stored.dtype.kind not in "uif" or stored.dtype.itemsize > 8:
-        cause = f"has the type {stored.dtype} and the shape {stored.shape}"
-        raise RecordingError(f"{path}: {cause}. Save numbers (H, W).")
-    bits = 8 * stored.dtype.itemsize
-    return ImageHeader(kind="npy", width=shape[1], height=shape[0], channels=1, bits=bits)
 
 
 def _tiff_header(file: BinaryIO, order: str) -> ImageHeader | None:

@@ -1,18 +1,18 @@
 """Image files of a recording: reading headers without decoding, and decoding with all checks.
 
-Headers are read here and not by a library, because opening a recording must be quick and because
-an image is decoded only after its size has been compared with the camera's: a small file can
-announce a picture that fills the memory.
+An image is decoded only after its size has been compared with the camera's: a small file can announce a
+picture that fills the memory.
 """
 
 from __future__ import annotations
 
 import contextlib
+import io
 import struct
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +30,8 @@ _PNG_KINDS = {
     "truth": (16, 3, "Truth images must be 16-bit PNG with three channels"),
 }
 """Bits per channel, channels, and the sentence for a file that has others."""
-_JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""SOF0 to SOF15 (ITU-T T.81, table B.1), without DHT, JPG and DAC, which lie among them."""
-MAX_FILE_BYTES = 200_000_000
-"""Limits of an image file. Chosen: far above any camera's."""
-_MOST_SEGMENTS = 2000
-"""See ``MAX_FILE_BYTES``."""
+MAX_FILE_BYTES, _MOST_HEADER_BYTES = 200_000_000, 2_000_000
+"""Limits of an image file and of a JPEG's header. Chosen: far above any camera's."""
 _MOST_SCANS = 200
 """A progressive JPEG has about ten scans; thousands of empty ones take minutes to decode."""
 
@@ -79,11 +75,9 @@ def read_header(path: Path) -> ImageHeader:
         open_plain(path) as file,
     ):
         start = file.read(33)
+        header = png_header(start)
         if start.startswith(b"\xff\xd8"):
-            file.seek(2)
-            header = _jpeg_header(file)
-        else:
-            header = png_header(start)
+            header = _jpeg_header(start + file.read(_MOST_HEADER_BYTES))
     if header is None:
         raise RecordingError(f"{path}: not a readable PNG or JPEG image. Export it again.")
     return header
@@ -100,25 +94,15 @@ def png_header(start: bytes) -> ImageHeader | None:
     return ImageHeader(kind="png", width=width, height=height, channels=channels, bits=bits)
 
 
-def _jpeg_header(file: BinaryIO) -> ImageHeader | None:
-    for _ in range(_MOST_SEGMENTS):
-        marker = file.read(2)
-        if len(marker) < 2 or marker[0] != 0xFF:
-            return None
-        if marker[1] == 0xFF:  # fill byte before a marker
-            file.seek(-1, 1)
-            continue
-        length = int.from_bytes(file.read(2), "big")
-        if length < 2:
-            return None
-        if marker[1] in _JPEG_FRAME_MARKERS:
-            frame = file.read(6)
-            if len(frame) < 6:
-                return None
-            bits, height, width, channels = struct.unpack(">BHHB", frame)
-            return ImageHeader(kind="jpeg", width=width, height=height, channels=channels, bits=bits)
-        file.seek(length - 2, 1)
-    return None
+def _jpeg_header(start: bytes) -> ImageHeader | None:
+    from PIL.JpegImagePlugin import JpegImageFile
+
+    try:
+        found = JpegImageFile(io.BytesIO(start))  # decodes nothing
+    except Exception:  # noqa: BLE001 - of a damaged header it raises many things
+        return None
+    width, height = found.size
+    return ImageHeader(kind="jpeg", width=width, height=height, channels=found.layers, bits=found.bits)
 
 
 def turned_by_exif(path: Path) -> list[str]:

@@ -11,17 +11,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from flatcloth.core.errors import RecordingError
+from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.recordings.files.text import shortened
 
 
-def load_with_libusb(name: str) -> Any:
+def load_with_libusb(name: str, kind: type[FlatclothError], need: str, packages: str) -> Any:
     """Return the module ``pyrealsense2`` or ``open3d``.
 
     Raises
     ------
-    ImportError, OSError
-        If it is not installed, or its libraries are missing.
+    kind
+        If it is not installed, or its libraries are missing: what ``need`` says, and the ``packages``.
 
     Notes
     -----
@@ -29,30 +29,22 @@ def load_with_libusb(name: str) -> Any:
     libusb-package, is loaded first, with symbols that they see.
     """
     try:
-        ctypes.CDLL("libusb-1.0.so.0", mode=ctypes.RTLD_GLOBAL)
-    except OSError:
-        with contextlib.suppress(ImportError):
-            import libusb_package
+        try:
+            ctypes.CDLL("libusb-1.0.so.0", mode=ctypes.RTLD_GLOBAL)
+        except OSError:
+            with contextlib.suppress(ImportError):
+                import libusb_package
 
-            ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    return importlib.import_module(name)
+                ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+        return importlib.import_module(name)
+    except (ImportError, OSError) as error:
+        raise kind(f"{need}, which cannot be loaded ({error}). Run: pip install {packages}") from error
 
 
 def load_realsense() -> Any:
-    """Return the module ``pyrealsense2``.
-
-    Raises
-    ------
-    RecordingError
-        If it is not installed, or its libraries are missing.
-    """
-    try:
-        return load_with_libusb("pyrealsense2")
-    except (ImportError, OSError) as error:
-        raise RecordingError(
-            f"RealSense files and cameras need pyrealsense2, which cannot be loaded ({error}). "
-            "Run: pip install pyrealsense2 libusb-package"
-        ) from error
+    """Return the module ``pyrealsense2``; raises ``RecordingError`` if it cannot be loaded."""
+    need = "RealSense files and cameras need pyrealsense2"
+    return load_with_libusb("pyrealsense2", RecordingError, need, "pyrealsense2 libusb-package")
 
 
 _silencing = threading.RLock()

@@ -85,7 +85,14 @@ def load_table(path: Path) -> Any:
     Numbers may be text: YAML 1.1 takes ``1e-05`` for it, and XML has nothing else.
     """
     kind, fail = path.suffix.lower().removeprefix("."), failing(path)
-    parsers = {"json": parse_json, "yaml": _of_yaml, "yml": _of_yaml, "xml": _of_xml}
+
+    def of_xml(text: str) -> Any:
+        def plain(element: ElementTree.Element) -> Any:
+            return {child.tag: plain(child) for child in element} or (element.text or "").split()
+
+        return plain(ElementTree.fromstring(text))
+
+    parsers = {"json": parse_json, "yaml": _of_yaml, "yml": _of_yaml, "xml": of_xml}
     if kind not in parsers:
         fail(f".{kind} is not a table's file name ending", "Give .json, .yaml or .xml.")
     text = read_text(path, MOST_TEXT_BYTES if kind == "json" else MOST_TABLE_BYTES)
@@ -110,13 +117,6 @@ def _of_yaml(text: str) -> Any:
 
     loader.add_multi_constructor("", untagged)  # tags that YAML does not know, as of OpenCV's matrices
     return next(yaml.load_all(text, loader), None)  # messages of ROS's echo follow each other
-
-
-def _of_xml(text: str) -> Any:
-    def plain(element: ElementTree.Element) -> Any:
-        return {child.tag: plain(child) for child in element} or (element.text or "").split()
-
-    return plain(ElementTree.fromstring(text))
 
 
 def inside(folder: Path, name: Any, listed_in: Path, where: str) -> Path:

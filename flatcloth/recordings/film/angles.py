@@ -103,12 +103,23 @@ class GivenAngles:
         table = self._table(folder)
         if table is not None:
             return _from_table(table, shots, self.factor)
-        if self.step_deg is None:
+        step_deg = self.step_deg
+        if step_deg is None:
             raise RecordingError(
                 f"{shots.source}: the angles of its {shots.count} views are not known. "
                 "Give --step DEG, or --angles FILE.csv."
             )
-        return _from_step(self.step_deg, shots)
+        if not TOLERANCE_DEG <= abs(step_deg) <= 180:
+            raise RecordingError(f"--step {step_deg:g}: give 0.01 to 180 degrees from view to view.")
+        if _is_film(shots, step_deg):
+            turns = shots.count * abs(step_deg) / 360.0
+            raise RecordingError(
+                f"{shots.source}: its {shots.count} images make {turns:.1f} turns with --step {step_deg:g}. "
+                "If it is a film with stops, name one view for each stop: --angles FILE.csv."
+            )
+        turned = [(place - shots.places[0]) * step_deg for place in list(shots.places)[:MAX_VIEWS]]
+        # Images after a full turn repeat earlier angles.
+        return [(n, angle) for n, angle in enumerate(turned) if abs(angle) <= 360.0 - TOLERANCE_DEG]
 
     def notes(self, folder: Path | None = None) -> list[str]:
         """Return a note on the columns of the table that are not understood, if there are any."""
@@ -163,20 +174,6 @@ def left_out(shots: Shots, views: Sequence[tuple[int, float]]) -> tuple[str, ...
     if gaps > 0:
         notes.append(f"{gaps} of the numbers in the names are missing between the views: steps count them.")
     return tuple(notes)
-
-
-def _from_step(step_deg: float, shots: Shots) -> list[tuple[int, float]]:
-    if not TOLERANCE_DEG <= abs(step_deg) <= 180:
-        raise RecordingError(f"--step {step_deg:g}: give 0.01 to 180 degrees from view to view.")
-    if _is_film(shots, step_deg):
-        turns = shots.count * abs(step_deg) / 360.0
-        raise RecordingError(
-            f"{shots.source}: its {shots.count} images make {turns:.1f} turns with --step {step_deg:g}. "
-            "If it is a film with stops, name one view for each stop: --angles FILE.csv."
-        )
-    turned = [(place - shots.places[0]) * step_deg for place in list(shots.places)[:MAX_VIEWS]]
-    # Images after a full turn repeat earlier angles.
-    return [(n, angle) for n, angle in enumerate(turned) if abs(angle) <= 360.0 - TOLERANCE_DEG]
 
 
 def _is_film(shots: Shots, step_deg: float) -> bool:
@@ -344,37 +341,11 @@ def check_distinct(angles_deg: Sequence[float], where: str, names: Sequence[str]
             )
 
 
-# --- angles over time -----------------------------------------------------------------------------
-
 _TIMES_HELP = "Expected lines of two numbers: seconds since the first frame, and the angle in degrees."
 
 
-@dataclass(frozen=True, kw_only=True)
-class Turning:
-    """The angle (degrees) at times (s), both (N,) float64, times increasing; linear in between."""
-
-    times_s: Float64
-    angles_deg: Float64
-
-    def at(self, time_s: float) -> float:
-        """Return the angle at a time; it is constant before the first and after the last time."""
-        return float(np.interp(time_s, self.times_s, self.angles_deg))
-
-    def during(self, start_s: float, end_s: float) -> tuple[float, float]:
-        """Return the angle in a phase, and its change during the phase.
-
-        If the table has lines within the phase, only these are used: a table may have one line per
-        stop only, and between two stops the angle is unknown.
-        """
-        inside = (self.times_s >= start_s) & (self.times_s <= end_s)
-        angles = self.angles_deg[inside]
-        if angles.size == 0:
-            return self.at((start_s + end_s) / 2), 0.0
-        return float(np.median(angles)), float(np.ptp(angles))
-
-
-def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
-    """Read a table of times and angles.
+def read_turning(table: Path, first_clock_s: float, seconds: float) -> tuple[Float64, Float64]:
+    """Return the times (N,) in seconds, increasing, and the angles (N,) in degrees of a table of both.
 
     Parameters
     ----------
@@ -411,7 +382,7 @@ def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
     }
     origin_s = max(common_s, key=lambda origin: common_s[origin])
     if common_s[origin_s] >= 0:
-        return Turning(times_s=times_s - origin_s, angles_deg=angles_deg)
+        return times_s - origin_s, angles_deg
     raise RecordingError(
         f"{table}: its times ({times_s[0]:g} to {times_s[-1]:g} s) do not match the recording "
         f"(0 to {seconds:.1f} s). Count seconds from its first frame, or use the camera's clock."

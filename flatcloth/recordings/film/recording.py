@@ -102,33 +102,7 @@ def views_or_film(
     if step_deg is None or shots.times_s is None:
         return made(angles.views(shots, folder=folder))
     frames = made([(n, 0.0) for n in range(shots.count)])
-    every = _stops(frames, shots.times_s, progress)
-    stops = distinct([(n * step_deg, numbers) for n, numbers in enumerate(every)], SAME_VIEW_DEG)
-    if not stops:
-        raise RecordingError(
-            f"{frames.location}: the item never stands still for half a second. "
-            "Name one view for each stop: --angles FILE.csv."
-        )
-
-    def read(view_index: int) -> ViewImages:
-        found = [frames[n] for n in stops[view_index][1]]
-        units = [np.clip(np.rint(f.depth_m * _UNITS_PER_M), 0, 65535).astype(np.uint16) for f in found]
-        depth_m = average_depth(units) / np.float32(_UNITS_PER_M)
-        return ViewImages(average_color([f.color for f in found]), depth_m)
-
-    note = f"A film: {stops_found(len(stops))} in {len(frames)} images, assumed {step_deg:g} degrees apart."
-    return altered(
-        frames,
-        angles_deg=tuple(angle for angle, _ in stops),
-        read=read,
-        notes=(*frames.notes, note),
-        has_masks=False,
-    )
-
-
-def _stops(frames: Recording, times_s: Sequence[float], progress: Progress) -> list[list[int]]:
-    """Return the numbers of the frames of each stop."""
-    seen: list[int] = []
+    seen, times_s = list[int](), shots.times_s
 
     def glances() -> Iterator[Glance]:
         for n, time_s in enumerate(times_s):
@@ -138,5 +112,26 @@ def _stops(frames: Recording, times_s: Sequence[float], progress: Progress) -> l
                 seen.append(n)
                 yield glance(time_s, frame.color, frame.depth_m)
 
-    stops = find_stops(glances())
-    return [seen[stop.frames([times_s[n] for n in seen])][-MOST_FRAMES:] for stop in stops]
+    found = find_stops(glances())
+    every = [seen[stop.frames([times_s[n] for n in seen])][-MOST_FRAMES:] for stop in found]
+    stops = distinct([(n * step_deg, numbers) for n, numbers in enumerate(every)], SAME_VIEW_DEG)
+    if not stops:
+        raise RecordingError(
+            f"{frames.location}: the item never stands still for half a second. "
+            "Name one view for each stop: --angles FILE.csv."
+        )
+
+    def read(view_index: int) -> ViewImages:
+        still = [frames[n] for n in stops[view_index][1]]
+        units = [np.clip(np.rint(f.depth_m * _UNITS_PER_M), 0, 65535).astype(np.uint16) for f in still]
+        depth_m = average_depth(units) / np.float32(_UNITS_PER_M)
+        return ViewImages(average_color([f.color for f in still]), depth_m)
+
+    note = f"A film: {stops_found(len(stops))} in {len(frames)} images, assumed {step_deg:g} degrees apart."
+    return altered(
+        frames,
+        angles_deg=tuple(angle for angle, _ in stops),
+        read=read,
+        notes=(*frames.notes, note),
+        has_masks=False,
+    )

@@ -15,7 +15,7 @@ from itertools import groupby
 
 import numpy as np
 
-from flatcloth.core.types import Bool, Float32, Float64, Floats, Uint8
+from flatcloth.core.types import Bool, Float32, Floats, Uint8
 
 BLOCK_PX = 8
 """Size of the compared blocks. Chosen: larger ones average more noise, smaller ones show more motion."""
@@ -64,21 +64,13 @@ def glance(time_s: float, color: Uint8, depth_m: Floats) -> Glance:
     share = cv2.resize((grey > 0).astype(np.float32), (w, h), interpolation=cv2.INTER_AREA)
     mean: Float32 = (total / np.maximum(share, 1.0 / BLOCK_PX**2)).astype(np.float32)
     half = BLOCK_PX // 2
-    depth = depth_m[half : h * BLOCK_PX : BLOCK_PX, half : w * BLOCK_PX : BLOCK_PX]
-    return Glance(time_s=time_s, grey=mean, near=_near(np.asarray(depth, dtype=np.float64)))
-
-
-def _near(depth_m: Float64) -> Bool:
-    """Blocks nearest to the camera, and the blocks around them, where their outline moves."""
-    import cv2
-
-    measured = depth_m[depth_m > 0]
-    if measured.size < _LEAST_BLOCKS:
-        return np.ones(depth_m.shape, dtype=np.bool_)
-    nearest = float(np.percentile(measured, 2))
-    near = (depth_m > 0) & (depth_m < nearest + _NEAR_M)
-    around = cv2.dilate(near.astype(np.uint8), np.ones((3, 3), dtype=np.uint8))
-    return np.asarray(around, dtype=np.bool_)
+    depth = depth_m[half : h * BLOCK_PX : BLOCK_PX, half : w * BLOCK_PX : BLOCK_PX].astype(np.float64)
+    measured = depth[depth > 0]
+    near = np.ones(depth.shape, dtype=np.uint8)
+    if measured.size >= _LEAST_BLOCKS:
+        near = ((depth > 0) & (depth < float(np.percentile(measured, 2)) + _NEAR_M)).astype(np.uint8)
+    around = cv2.dilate(near, np.ones((3, 3), dtype=np.uint8))  # where their outline moves
+    return Glance(time_s=time_s, grey=mean, near=np.asarray(around, dtype=np.bool_))
 
 
 def displacement_px(a: Glance, b: Glance, noise: float) -> float:

@@ -62,9 +62,13 @@ def read_camera(
     """
     header = read_depth_header(first_depth) if first_color == first_depth else read_header(first_color)
     size = (header.width, header.height)
-    given = _given(size, options or SourceOptions())
-    if given is not None:
-        return given
+    given = options or SourceOptions()
+    if given.fov_deg is not None:
+        if given.camera_file is not None:
+            raise RecordingError(f"{given.camera_file}: given together with --fov. Give only one of them.")
+        return _of_fov(size, given.fov_deg)
+    if given.camera_file is not None:
+        return _of_file(given.camera_file.expanduser(), size)
     described = camera_files(folder)
     if described:
         camera = _of_file(described[0], size)
@@ -88,25 +92,15 @@ def read_camera(
     return Camera(intrinsics=_KINECT, lens=Lens(_KINECT), notes=(note,))
 
 
-def _given(size: tuple[int, int], options: SourceOptions) -> Camera | None:
-    """Return the camera of images of a size (width, height) that the user gives, None if there is none."""
-    if options.fov_deg is None:
-        path = options.camera_file
-        return None if path is None else _of_file(path.expanduser(), size)
-    if options.camera_file is not None:
-        raise RecordingError(f"{options.camera_file}: given together with --fov. Give only one of them.")
-    camera = _of_fov(size, options.fov_deg)
-    note = (
-        f"The camera is approximate, from a field of view only (focal length {camera.fx:.0f} and "
-        f"{camera.fy:.0f} px, axis in the middle, no distortion). Lengths may be wrong by some percent; "
-        "calibrate the camera before measuring."
-    )
-    return Camera(intrinsics=camera, lens=Lens(camera), notes=(note,))
-
-
 def _of_file(path: Path, size: tuple[int, int]) -> Camera:
     """Read a camera file: a line of numbers in a ``.txt``, otherwise JSON, YAML or XML."""
-    table = _of_text(path) if path.suffix.lower() == ".txt" else load_table(path)
+    if path.suffix.lower() != ".txt":
+        return camera_of_table(str(path), load_table(path), size)
+    numbers = _numbers(read_text(path)) or []
+    if len(numbers) < 4:
+        failing(path)("is not a line of numbers", "Write fx fy cx cy, then k1 k2 p1 p2 k3 for a distortion.")
+    is_matrix = len(numbers) == 9 and numbers[8] == 1 and not any(numbers[i] for i in (3, 6, 7))
+    table = {"matrix": numbers} if is_matrix else {"matrix": numbers[:4], "distortion": numbers[4:]}
     return camera_of_table(str(path), table, size)
 
 
@@ -122,7 +116,7 @@ def camera_of_table(where: str, table: Any, size: tuple[int, int]) -> Camera:
     return _Description(where, table).camera(size)
 
 
-def _of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrinsics:
+def _of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Camera:
     """Return the camera with a field of view (horizontal, vertical) and its axis in the image centre."""
     fail = failing(f"--fov {fov_deg[0]:g} {fov_deg[1]:g}")
     if not all(5 <= angle <= 150 for angle in fov_deg):
@@ -132,20 +126,18 @@ def _of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrinsics:
         round(n / 2 / math.tan(math.radians(angle) / 2), 6) for n, angle in zip(size, fov_deg, strict=True)
     )
     cx, cy = ((n - 1) / 2 for n in size)
-    return checked_intrinsics(Intrinsics(width=size[0], height=size[1], fx=fx, fy=fy, cx=cx, cy=cy), fail)
+    k = checked_intrinsics(Intrinsics(width=size[0], height=size[1], fx=fx, fy=fy, cx=cx, cy=cy), fail)
+    note = (
+        f"The camera is approximate, from a field of view only (focal length {k.fx:.0f} and "
+        f"{k.fy:.0f} px, axis in the middle, no distortion). Lengths may be wrong by some percent; "
+        "calibrate the camera before measuring."
+    )
+    return Camera(intrinsics=k, lens=Lens(k), notes=(note,))
 
 
 _ORDER: list[str] = WORDS["lens"]["brown_conrady"]
 _MEANS = {word: meaning for meaning, words in WORDS["words"].items() for word in (meaning, *words)}
 _MEANS |= {name: name for name in _ORDER}
-
-
-def _of_text(path: Path) -> Any:
-    numbers = _numbers(read_text(path)) or []
-    if len(numbers) < 4:
-        failing(path)("is not a line of numbers", "Write fx fy cx cy, then k1 k2 p1 p2 k3 for a distortion.")
-    is_matrix = len(numbers) == 9 and numbers[8] == 1 and not any(numbers[i] for i in (3, 6, 7))
-    return {"matrix": numbers} if is_matrix else {"matrix": numbers[:4], "distortion": numbers[4:]}
 
 
 class _Description:
@@ -211,15 +203,30 @@ class _Description:
         elif meaning == "model":
             if str(value).lower().replace("_", "") not in WORDS["lens"]["projections"]:
                 self._models[place] = value
-        elif meaning == "scale":
-            self._keep(meaning, place, self._units_per_m(place, value, numbers))
+        elif meaning == "scale":  # given so, as metres per unit, or by the unit's name
+            named = WORDS["units_per_m"].get(str(value).lower(), 0.0)
+            units = numbers[0] if numbers else named
+            units = 1.0 / units if 1e-6 <= units <= 0.01 else units
+            if not 10 <= units <= 1e6 and (numbers or not named):
+                self._fail(
+                    f"{shortened(place)} is {shortened(value)}",
+                    "Give the depth units per metre, 1000 for millimetres, or metres per unit, 0.001.",
+                )
+            self._keep(meaning, place, units)
         elif numbers is None:
             self._fail(f"{shortened(place)} is {shortened(value)}", "Expected a number, or a list of them.")
         elif meaning in ("distortion", "projection", "size"):
             self._keep(meaning, place, numbers)
         elif meaning == "matrix" and len(numbers) != 4:
-            for part, number in self._of_matrix(numbers).items():
-                self._keep(part, place, number)
+            m = numbers  # by columns, as Open3D and Matlab write it, or by rows
+            if len(m) == 9 and m[6] == m[7] == 0 and m[2] != 0:
+                m = [m[3 * r + c] for c in range(3) for r in range(3)]
+            if len(m) != 9 or not math.isclose(m[8], 1.0) or any(m[i] for i in (1, 2, 5)):
+                self._fail(
+                    "intrinsic_matrix is not a camera matrix", "Write [fx, 0, 0, 0, fy, 0, cx, cy, 1]."
+                )
+            for part, n in (("fx", 0), ("skew", 3), ("fy", 4), ("cx", 6), ("cy", 7)):
+                self._keep(part, place, m[n])
         else:
             parts = WORDS["parts"].get(f"{meaning}{len(numbers)}", [meaning])
             if len(numbers) not in (1, len(parts)):
@@ -244,28 +251,6 @@ class _Description:
             besides = "".join(note.partition(":")[2] for note in unused(self._where, self._spare))
             self._fail(f"{name} is missing", f"Write it, or intrinsic_matrix.{besides}")
         return float(value)
-
-    def _of_matrix(self, m: list[float]) -> dict[str, float]:
-        """Return the parts of a matrix by columns, as Open3D and Matlab write it, or by rows."""
-        if len(m) == 9 and m[6] == m[7] == 0 and m[2] != 0:
-            m = [m[3 * r + c] for c in range(3) for r in range(3)]
-        if len(m) != 9 or not math.isclose(m[8], 1.0) or any(m[i] for i in (1, 2, 5)):
-            self._fail("intrinsic_matrix is not a camera matrix", "Write [fx, 0, 0, 0, fy, 0, cx, cy, 1].")
-        return {"fx": m[0], "skew": m[3], "fy": m[4], "cx": m[6], "cy": m[7]}
-
-    def _units_per_m(self, place: str, value: Any, numbers: list[float] | None) -> float:
-        """Return the units of depth per metre: given so, as metres per unit, or by the unit's name."""
-        found = numbers[0] if numbers else WORDS["units_per_m"].get(str(value).lower(), 0.0)
-        if not numbers and found:
-            return found
-        if 1e-6 <= found <= 0.01:
-            return 1.0 / found
-        if not 10 <= found <= 1e6:
-            self._fail(
-                f"{shortened(place)} is {shortened(value)}",
-                "Give the depth units per metre, 1000 for millimetres, or metres per unit, 0.001.",
-            )
-        return found
 
     def _distortion(self) -> tuple[list[float], Any]:
         """Return the coefficients, and the model by name; without one it is OpenCV's for their number."""

@@ -70,12 +70,21 @@ def open_area(folder: Path, options: SourceOptions) -> Recording:
         kind, pairs = "organised clouds", [(cloud, cloud) for cloud in clouds]
     else:
         kind, pairs = "color and depth images", [(color, _beside(color, "depth.png")) for color in colors]
-        _check_images(folder, pairs[0], options)
+        one, other = map(read_header, pairs[0])
+        if (one.width, one.height) != (other.width, other.height):
+            raise RecordingError(
+                f"{folder}: color has {one.width}x{one.height} px, depth {other.width}x{other.height}: they "
+                "are not registered. Put the organised clouds (..._pc.pcd, with colors) next to them."
+            )
+        if options.camera_file is None and options.fov_deg is None and not camera_files(folder):
+            raise RecordingError(
+                f"{folder}: the data set does not describe its camera. Give --camera-file, or --fov."
+            )
     return recording_of(
         folder,
         pairs,
         options,
-        name=_name(folder),
+        name="-".join(filter(_TWO_DIGITS.fullmatch, folder.parts[-_LEVELS:])) or folder.name,
         angles_deg=angles_deg,
         units_per_m=UNITS_PER_M,
         description=f"MultimodalClothes, {kind}",
@@ -93,11 +102,6 @@ FORMAT = Format(
 
 def _beside(color: Path, ending: str) -> Path:
     return color.with_name(f"{color.name.removesuffix('_rgb.png')}_{ending}")
-
-
-def _name(folder: Path) -> str:
-    """Return the name of an area: its class, sample and number."""
-    return "-".join(part for part in folder.parts[-_LEVELS:] if _TWO_DIGITS.fullmatch(part)) or folder.name
 
 
 # --- angles ----------------------------------------------------------------------------------
@@ -139,20 +143,3 @@ def _sweep(folder: Path, options: SourceOptions) -> tuple[list[Path], list[float
     # Images after a full turn repeat earlier angles.
     kept = [(n, c) for n, c in zip(numbers, colors, strict=True) if abs((n - numbers[0]) * step) < 359.99]
     return [c for _, c in kept], [(n - numbers[0]) * step for n, _ in kept]
-
-
-# --- images ----------------------------------------------------------------------------------
-
-
-def _check_images(folder: Path, pair: tuple[Path, Path], options: SourceOptions) -> None:
-    """Raise if color and depth images are not registered, or their camera is not given."""
-    (color, depth) = map(read_header, pair)
-    if (color.width, color.height) != (depth.width, depth.height):
-        raise RecordingError(
-            f"{folder}: color has {color.width}x{color.height} px, depth {depth.width}x{depth.height}: they "
-            "are not registered. Put the organised clouds (..._pc.pcd, with colors) next to them."
-        )
-    if options.camera_file is None and options.fov_deg is None and not camera_files(folder):
-        raise RecordingError(
-            f"{folder}: the data set does not describe its camera. Give --camera-file, or --fov."
-        )

@@ -37,14 +37,19 @@ def open_tum(folder: Path, options: SourceOptions) -> Recording:
     folder = folder.resolve()
     listed = next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)
     pairs = _paired_lists(folder) if listed is None else _associations(folder, listed)
+    times_s, notes = [time for time, _, _ in pairs], []
+    gap_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
+    if abs(gap_s) >= _SLOW_S and all(time.is_integer() for time in times_s):
+        read = f"{listed or folder / 'rgb.txt'}: its times are read as seconds, {gap_s:g} apart."
+        notes.append(f"{read} Divide milliseconds by 1000.")
     return recording_of(
         folder,
         [(color, depth) for _, color, depth in pairs],
         options,
-        times_s=[time for time, _, _ in pairs],
+        times_s=times_s,
         units_per_m=UNITS_PER_M,
         description="TUM RGB-D folder",
-        notes=_doubt(listed or folder / "rgb.txt", [time for time, _, _ in pairs]),
+        notes=notes,
     )
 
 
@@ -73,14 +78,6 @@ def _time(path: Path, line: int, text: str) -> float:
     return float(text) * float(unit_of_time(abs(float(text))))
 
 
-def _doubt(path: Path, times_s: list[float]) -> list[str]:
-    """Return a note if the times may be of another unit than seconds."""
-    gap_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
-    if abs(gap_s) < _SLOW_S or not all(time.is_integer() for time in times_s):
-        return []
-    return [f"{path}: its times are read as seconds, {gap_s:g} apart. Divide milliseconds by 1000."]
-
-
 def _associations(folder: Path, path: Path) -> list[tuple[float, Path, Path]]:
     pairs = []
     for n, row in _rows(path, 4):
@@ -92,12 +89,11 @@ def _associations(folder: Path, path: Path) -> list[tuple[float, Path, Path]]:
     return pairs
 
 
-def _listed(folder: Path, path: Path) -> list[tuple[float, Path]]:
-    return [(_time(path, n, row[0]), inside(folder, row[1], path, f"line {n}")) for n, row in _rows(path, 2)]
-
-
 def _paired_lists(folder: Path) -> list[tuple[float, Path, Path]]:
-    colors, depths = (_listed(folder, folder / name) for name in ("rgb.txt", "depth.txt"))
+    colors, depths = (
+        [(_time(path, n, row[0]), inside(folder, row[1], path, f"line {n}")) for n, row in _rows(path, 2)]
+        for path in (folder / "rgb.txt", folder / "depth.txt")
+    )
     pairs = pair_by_time([t for t, _ in colors], [t for t, _ in depths], _MOST_APART_S)
     if not pairs:
         raise RecordingError(

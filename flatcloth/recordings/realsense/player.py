@@ -270,8 +270,13 @@ class RealsensePlayer:
         """
         _, pipeline, playback = self._open(starting=True)
         self.read_s = 0.0
+
+        def resume() -> None:
+            with contextlib.suppress(RuntimeError):  # nothing comes then: the play says that it stalled
+                playback.resume()
+
         # Resuming waits up to 5 s until the reader answers, and the reader until its images are taken.
-        resuming = threading.Thread(target=_resume, args=(playback,), name="flatcloth-resuming", daemon=True)
+        resuming = threading.Thread(target=resume, name="flatcloth-resuming", daemon=True)
         resuming.start()
         try:
             yield from self._pairs(pipeline, playback, apart_frames / self.fps)
@@ -339,11 +344,6 @@ class RealsensePlayer:
         except RuntimeError as error:
             raise RecordingError(_explained(self.path, str(error))) from error
         return config, pipeline, playback
-
-
-def _resume(playback: Any) -> None:
-    with contextlib.suppress(RuntimeError):  # nothing comes then, and the play says that it has stalled
-        playback.resume()
 
 
 def stop_playing(pipeline: Any, playback: Any) -> None:

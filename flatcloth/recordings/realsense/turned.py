@@ -16,9 +16,15 @@ from pathlib import Path
 import numpy as np
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Progress, no_progress
+from flatcloth.core.types import Float64, Progress, no_progress
 from flatcloth.recordings.base import Recording, ViewImages
-from flatcloth.recordings.film.angles import SAME_VIEW_DEG, Turning, distinct, read_turning, stops_found
+from flatcloth.recordings.film.angles import (
+    SAME_VIEW_DEG,
+    GivenAngles,
+    distinct,
+    read_turning,
+    stops_found,
+)
 from flatcloth.recordings.film.recording import average_color, average_depth
 from flatcloth.recordings.film.stillness import Glance, Stop, find_stops, glance
 from flatcloth.recordings.realsense.player import ALIGNMENTS, Pair, RealsensePlayer
@@ -35,24 +41,10 @@ _LOOSE_PAIRING_FRAMES = 3.0
 """Offset allowed between color and depth, in frames, if no pair is closer. Chosen."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TurnOptions:
-    """Options of reading a file.
-
-    ``align`` is one of ``ALIGNMENTS``. ``step_deg`` is the rotation between two stops or, if the
-    angle is known at all times, between views; its sign is the direction of rotation. ``angles`` is a
-    table of times and angles; of a constant speed two lines are enough.
-    """
-
-    align: str = ALIGNMENTS[0]
-    step_deg: float = 10.0
-    angles: Path | None = None
-
-
+_STEP_DEG = 10.0
+"""The step if none is given. Chosen, as that of other sources' examples."""
 _View = tuple[float, ViewImages]
 """The angle of a view, and its images."""
-
-
 _Phase = tuple[float, list[float]]
 """The angle of a view, and the times of its frames: librealsense drops other ones when it plays again."""
 
@@ -67,7 +59,10 @@ class _Look:
 
 
 def open_realsense(
-    path: Path, options: TurnOptions | None = None, progress: Progress = no_progress
+    path: Path,
+    angles: GivenAngles | None = None,
+    align: str | None = None,
+    progress: Progress = no_progress,
 ) -> Recording:
     """Play a RealSense file and return its views of the item.
 
@@ -75,8 +70,12 @@ def open_realsense(
     ----------
     path : Path
         A ``.db3`` or ``.bag`` file.
-    options : TurnOptions, optional
-        Options of reading; by default the stops are searched and assumed 10 degrees apart.
+    angles : GivenAngles, optional
+        The step is the rotation between two stops or, if the angle is known at all times, between views; its
+        sign is the direction of rotation. The table has times and angles; of a constant speed two lines are
+        enough. By default the stops are searched and assumed 10 degrees apart.
+    align : str, optional
+        One of ``ALIGNMENTS``.
     progress : callable
         Called with the share of the work done.
 
@@ -90,10 +89,11 @@ def open_realsense(
     -----
     A frame of 480x848 px costs 12 ms of computing, and 30 ms more if it belongs to a view.
     """
-    chosen = options or TurnOptions()
-    if not 0.1 <= abs(chosen.step_deg) <= 180:
-        raise RecordingError(f"--step {chosen.step_deg:g}: give degrees, 0.1 to 180 (or negative).")
-    player = RealsensePlayer(path, chosen.align)
+    given = angles or GivenAngles()
+    step_deg = _STEP_DEG if given.step_deg is None else given.step_deg
+    if not 0.1 <= abs(step_deg) <= 180:
+        raise RecordingError(f"--step {step_deg:g}: give degrees, 0.1 to 180 (or negative).")
+    player = RealsensePlayer(path, align or ALIGNMENTS[0])
     notes = []
     for apart_frames in (0.5, _LOOSE_PAIRING_FRAMES):
         look = _look(player, progress, apart_frames)
@@ -107,7 +107,7 @@ def open_realsense(
         notes.append(
             f"Only {player.read_s:.1f} of {player.duration_s:.1f} s could be read: the file is damaged there."
         )
-    phases, found = _phases(path, look, chosen)
+    phases, found = _phases(path, look, given.table, step_deg)
     notes.append(found)
     views = _averaged(player, look, phases, progress, apart_frames)
     if not views:
@@ -139,13 +139,20 @@ def _look(player: RealsensePlayer, progress: Progress, apart_frames: float) -> _
     return seen
 
 
-def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase], str]:
-    turning, seconds = None, look.times_s[-1]
-    if options.angles is not None:
-        turning = read_turning(options.angles.expanduser(), look.first_clock_s, seconds)
-        turned_deg = [turning.during(stop.start_s, stop.end_s)[1] for stop in look.stops]
-        if max(turned_deg, default=math.inf) > _TURNS_WHILE_STILL_DEG:
-            return _while_turning(path, look, turning, options.step_deg)
+def _phases(path: Path, look: _Look, table: Path | None, step_deg: float) -> tuple[list[_Phase], str]:
+    seconds, angles = look.times_s[-1], [n * step_deg for n in range(len(look.stops))]
+    told = f", assumed {step_deg:g} degrees apart"
+    if table is not None:
+        turning, angles = read_turning(table.expanduser(), look.first_clock_s, seconds), []
+        most_deg, told = 0.0 if look.stops else math.inf, "; the angles are those of the table"
+        for stop in look.stops:
+            # A table may have one line per stop only, and between two stops the angle is unknown.
+            during = turning[1][(turning[0] >= stop.start_s) & (turning[0] <= stop.end_s)]
+            during = during if during.size else np.interp([(stop.start_s + stop.end_s) / 2], *turning)
+            angles.append(float(np.median(during)))
+            most_deg = max(most_deg, float(np.ptp(during)))
+        if most_deg > _TURNS_WHILE_STILL_DEG:
+            return _while_turning(path, look, turning, step_deg)
     if len(look.times_s) < FEW_FRAMES:
         return [(0.0, look.times_s)], f"Only {len(look.times_s)} frames, used as one view."
     if not look.stops:
@@ -153,29 +160,21 @@ def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase]
             f"{path}: the item never stands still for half a second. Give its rotation, at two times if it "
             "is even: --angles FILE.csv."
         )
-    angles = [
-        n * options.step_deg if turning is None else turning.during(stop.start_s, stop.end_s)[0]
-        for n, stop in enumerate(look.stops)
-    ]
     phases = [
         (angle - angles[0], look.times_s[stop.frames(look.times_s)][-MOST_FRAMES:])
         for angle, stop in zip(angles, look.stops, strict=True)
     ]
     kept = distinct(phases, SAME_VIEW_DEG)
-    count = len(phases)
-    text = f"{stops_found(count)} in {seconds:.1f} s"
-    text += (
-        "; the angles are those of the table" if turning else f", assumed {options.step_deg:g} degrees apart"
-    )
-    if len(kept) < count:
-        text += f"; {count - len(kept)} that repeat an angle are left out"
-    return kept, text + "."
+    spare = len(phases) - len(kept)
+    told += f"; {spare} that repeat an angle are left out" if spare else ""
+    return kept, f"{stops_found(len(phases))} in {seconds:.1f} s{told}."
 
 
-def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -> tuple[list[_Phase], str]:
+def _while_turning(
+    path: Path, look: _Look, turning: tuple[Float64, Float64], step_deg: float
+) -> tuple[list[_Phase], str]:
     """Take a view at each multiple of the step, from the frames nearest to that angle."""
-    start_deg = turning.at(0.0)
-    turned = np.array([turning.at(t) for t in look.times_s]) - start_deg
+    turned = np.interp(look.times_s, *turning) - np.interp(0.0, *turning)
     nearest = np.round(turned / abs(step_deg)).astype(int)
     phases: list[_Phase] = []
     visited: set[int] = set()

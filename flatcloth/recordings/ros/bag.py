@@ -81,7 +81,9 @@ class Bag:
         return {topic: kind for topic, (kind, connections) in sorted(self._topics.items()) if connections}
 
     def stamps(self, *topics: str) -> list[list[tuple[Place, float]]]:
-        """Return the position of each message of topics, and its time stamp in seconds (0 if it has none).
+        """Return the position of each message of topics, and its time stamp in seconds.
+
+        It is the time of writing if no message of the topic has a stamp.
 
         Notes
         -----
@@ -92,9 +94,16 @@ class Bag:
         connections = [connection for topic in topics for connection in self._topics[topic][1]]
         with self._read_errors(), self._lock:
             for connection, written_ns, raw in self._reader.messages(connections=connections):
+                # Only the header is read; of CDR, the first four bytes give the byte order.
+                kind = "<II" if not self._is_ros2 else "<iI" if raw[1] & 1 else ">iI"
+                seconds, nanoseconds = struct.unpack_from(kind, raw, 4)
                 message = connection.topic, written_ns
-                found[connection.topic].append((Place(written_ns, seen[message]), self._stamp_s(raw)))
+                stamp_s = float(seconds) + 1e-9 * float(nanoseconds)
+                found[connection.topic].append((Place(written_ns, seen[message]), stamp_s))
                 seen[message] += 1
+        for topic, stamps in found.items():
+            if not any(stamp_s for _, stamp_s in stamps):
+                found[topic] = [(place, 1e-9 * place.written_ns) for place, _ in stamps]
         return list(found.values())
 
     def message(self, topic: str, place: Place | None = None) -> Any:
@@ -107,15 +116,6 @@ class Bag:
                 if place is None or number == place.number:
                     return self._decode(raw, kind)
         raise RecordingError(f"{self._path}: has changed since it was opened. Open it again.")
-
-    def _stamp_s(self, raw: bytes | memoryview) -> float:
-        """Time stamp of a message that begins with a header; only the header is read."""
-        if self._is_ros2:  # CDR: the first four bytes give the byte order
-            order = "<" if raw[1] & 1 else ">"
-            seconds, nanoseconds = struct.unpack_from(order + "iI", raw, 4)
-        else:
-            seconds, nanoseconds = struct.unpack_from("<II", raw, 4)
-        return float(seconds) + 1e-9 * float(nanoseconds)
 
     @contextlib.contextmanager
     def _read_errors(self) -> Iterator[None]:

@@ -65,11 +65,16 @@ class McapFile:
                 f"({shortened(', '.join(encodings))}), not of ROS. Record the topics of ROS (ros2 bag record "
                 "-s mcap), or export color and depth as image files."
             )
-        self.is2 = "cdr" in encodings
-        self.connections = [
-            SimpleNamespace(number=n, topic=channels[n].topic, msgtype=_kind(*kinds[n]), msgcount=1)
-            for n in used
-        ]
+        self.is2, self.connections = "cdr" in encodings, []
+        for n in used:  # types as ROS 2 spells them, also of ROS 1 and IDL; of others, with the encoding
+            encoding, name = kinds[n]
+            words = re.split(r"[/:]+", name)
+            kind = (
+                f"{words[0]}/msg/{words[-1].rstrip('_')}" if encoding in _OF_ROS else f"{name} ({encoding})"
+            )
+            self.connections.append(
+                SimpleNamespace(number=n, topic=channels[n].topic, msgtype=kind, msgcount=1)
+            )
 
     def _scanned(self) -> tuple[dict[int, str], dict[int, Channel]]:
         """Find the messages, up to the end or the cut; return the schemas' names, and channels, by number."""
@@ -113,9 +118,3 @@ def _unpacked(record: Any) -> list[Any]:
         raise ValueError(f"a chunk has {size} bytes, not {record.uncompressed_size}")
     plain: list[Any] = breakup_chunk(replace(record, compression="", data=stream.read(size)))
     return plain
-
-
-def _kind(encoding: str, name: str) -> str:
-    """Return the type of messages as ROS 2 spells it, also of ROS 1 and IDL; of others, with the encoding."""
-    words = re.split(r"[/:]+", name)
-    return f"{words[0]}/msg/{words[-1].rstrip('_')}" if encoding in _OF_ROS else f"{name} ({encoding})"

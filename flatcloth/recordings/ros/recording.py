@@ -88,7 +88,16 @@ def _decompressed(message: Any) -> NDArray[Any]:
         raise UnreadableImageError(f"is cut off ({form})")
     _, a, b = _PREFIX.unpack_from(data.data)
     data = data[_PREFIX.size :]
-    pixels = _from_rvl(data) if "rvl" in form else _picture(data, form)
+    if "rvl" in form:
+        from flatcloth.recordings.ros.rvl import unpack_rvl  # compiled, so imported only when needed
+
+        (width, height), words = _RVL_SIZE.unpack_from(data.data), data[_RVL_SIZE.size :]
+        pixels = np.zeros(width * height if width * height <= MOST_PIXELS else 0, dtype=np.uint16)
+        if not pixels.size or not unpack_rvl(words[: words.size // 4 * 4].view("<u4"), pixels):
+            raise UnreadableImageError("is damaged (RVL)")
+        pixels = pixels.reshape(height, width)
+    else:
+        pixels = _picture(data, form)
     if not form.startswith("32FC1"):
         return pixels
     known = pixels > 0
@@ -104,17 +113,6 @@ def _picture(data: Uint8, form: str) -> NDArray[Any]:
     if pixels is None:
         raise UnreadableImageError(f"cannot be decoded ({form})")
     return pixels
-
-
-def _from_rvl(data: Uint8) -> NDArray[np.uint16]:
-    from flatcloth.recordings.ros.rvl import unpack_rvl  # compiled, so imported only when needed
-
-    width, height = _RVL_SIZE.unpack_from(data.data)
-    words = data[_RVL_SIZE.size :]
-    out = np.zeros(width * height if width * height <= MOST_PIXELS else 0, dtype=np.uint16)
-    if not out.size or not unpack_rvl(words[: words.size // 4 * 4].view("<u4"), out):
-        raise UnreadableImageError("is damaged (RVL)")
-    return out.reshape(height, width)
 
 
 _TRANSPORTS = ("/compressed", "/compressedDepth")
@@ -151,7 +149,8 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
     bag = Bag(path)
     color, depth = _choose(path, bag)
     camera = _camera(path, color, depth)
-    (color_places, color_s), (depth_places, depth_s) = map(_times, bag.stamps(color.name, depth.name))
+    color_at, depth_at = bag.stamps(color.name, depth.name)
+    color_s, depth_s = ([time_s for _, time_s in at] for at in (color_at, depth_at))
     # Half the interval between frames; frames of a still item may be a little farther apart.
     interval_s = float(np.median(np.diff(np.sort(color_s)))) if len(color_s) > 1 else _MOST_APART_S
     pairs = pair_by_time(color_s, depth_s, min(max(0.5 * interval_s, 0.005), _MOST_APART_S))
@@ -164,7 +163,7 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
     shots = Shots(source=str(path), count=len(pairs), times_s=taken_s)
 
     def made(chosen: list[tuple[int, float]]) -> Recording:
-        places = [(color_places[pairs[n][0]], depth_places[pairs[n][1]]) for n, _ in chosen]
+        places = [(color_at[pairs[n][0]][0], depth_at[pairs[n][1]][0]) for n, _ in chosen]
         names = (color.name, depth.name)
         return Recording(
             name=one_line(path.stem) or "recording",
@@ -195,12 +194,6 @@ def _read(path: Path, bag: Bag, camera: Camera, view_index: int, places: dict[st
     if not depth_m.any():
         fail("no depth", "Record the view again.")
     return ViewImages(camera.lens.undistort(color, blend=True), depth_m)
-
-
-def _times(stamps: list[tuple[Place, float]]) -> tuple[list[Place], list[float]]:
-    """Return the positions and times; the times of writing if no message has a stamp."""
-    stamped = any(time for _, time in stamps)
-    return [p for p, _ in stamps], [t if stamped else 1e-9 * p.written_ns for p, t in stamps]
 
 
 def _choose(path: Path, bag: Bag) -> tuple[_Topic, _Topic]:
@@ -239,21 +232,18 @@ def _choose(path: Path, bag: Bag) -> tuple[_Topic, _Topic]:
 
 
 def _of_one_camera(color: _Topic, depth: _Topic) -> bool:
-    if color.size != depth.size:
-        return False
-    if color.info is None or depth.info is None:
-        return True
+    if color.size != depth.size or color.info is None or depth.info is None:
+        return color.size == depth.size
     a, b = _matrix(color), _matrix(depth)
     return bool(np.allclose(a[:2, :2], b[:2, :2], rtol=0.01) and np.allclose(a[:2, 2], b[:2, 2], atol=2.0))
 
 
 def _rank(color: _Topic, depth: _Topic) -> tuple[Any, ...]:
     parts = zip(color.name.split("/"), depth.name.split("/"), strict=False)
-    together = len(list(takewhile(lambda pair: pair[0] == pair[1], parts)))
     return (
         color.info is None,
         not any(word in depth.name for word in _REGISTERED),
-        -together,
+        -len(list(takewhile(lambda pair: pair[0] == pair[1], parts))),
         not _is_rectified(color),
         color.name.endswith(_TRANSPORTS) + depth.name.endswith(_TRANSPORTS),
         color.name,

@@ -20,7 +20,7 @@ from flatcloth.engine.views import ViewCloud
 from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
 from flatcloth.rendering.pictures import jpeg_thumbnail, small_shape
-from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
+from flatcloth.rendering.sides import shape_rgba, side_rgba, small_side_rgba
 from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.result import NO_ITEM, Segmentation, ViewSegmentation
 from flatcloth.session.journal import SheetSide
@@ -270,10 +270,8 @@ class SideController:
         shape = intrinsics.height, intrinsics.width
         if labels is None:
             return png(np.zeros((*shape, 4), dtype=np.uint8))
-        if certain:
-            return png(certainty_rgba(labels.side, labels.certainty, labels.offset_rc, shape))
         strokes = self._under_strokes(view)
-        return png(side_rgba(labels.side, labels.certainty, labels.offset_rc, shape, strokes))
+        return png(side_rgba(labels.side, labels.certainty, labels.offset_rc, shape, strokes, doubt=certain))
 
     def _shape_png(self, picture: Picture | None) -> bytes | None:
         found = self._found

@@ -12,8 +12,9 @@ from starlette.responses import PlainTextResponse, Response
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.export.by_name import MEDIA, made
+from flatcloth.export.data import is_floating_file
 from flatcloth.export.growth import Kept
-from flatcloth.export.session import is_floating_file, of_page
+from flatcloth.export.session import of_page
 from flatcloth.viewer.http import RefusedError
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.worker import attempt, awaited, one_at_a_time

@@ -24,7 +24,7 @@ from flatcloth.grasping.visibility import Visibility, visibility_in
 from flatcloth.recordings.base import source_options
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
-from flatcloth.rendering.drawing import data_url, png_of
+from flatcloth.rendering.drawing import data_url
 from flatcloth.rendering.evidence import evidence
 from flatcloth.rendering.layers import Appearance, Difference
 from flatcloth.rendering.pictures import jpeg
@@ -245,7 +245,7 @@ def check_routes(page: PageController) -> list[BaseRoute]:
 
         def drawn() -> bytes | None:
             image = evidence(recording, found[number])
-            return None if image is None else png_of(image)
+            return None if image is None else layers.png(image)
 
         return pictures.get((number, found), drawn) if number < len(found) else None
 
