@@ -29,7 +29,7 @@ from flatcloth.export.session import SessionData
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 
 RIGHT_M = 0.010
 """A depth is right if it is as near to that without noise. Chosen: half of what makes a pixel wrong."""

@@ -19,7 +19,8 @@ from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.segmentation.observed import gather_evidence
 from flatcloth.segmentation.solver import SideSolver
-from flatcloth.session.machine import Document, MemorySession, SessionState
+from flatcloth.session.document import Document
+from flatcloth.session.machine import MemorySession, SessionState
 
 
 def unattended(source: str) -> tuple[Integration, Document, Remembered]:

@@ -21,7 +21,8 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.result import at_step
 from flatcloth.methods.paper.merging import shows
 from flatcloth.recordings import open_recording
-from flatcloth.session.machine import Document, MemorySession, SessionState
+from flatcloth.session.document import Document
+from flatcloth.session.machine import MemorySession, SessionState
 
 ROOT = Path(__file__).parents[1]
 RECORDING = ROOT / "recordings" / "shirt-corner-d435"

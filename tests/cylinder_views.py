@@ -14,7 +14,7 @@ from flatcloth.core.types import Rigid2
 from flatcloth.methods.base import Method
 from flatcloth.methods.paper.merging import begin
 from flatcloth.methods.paper.method import PaperMethod
-from flatcloth.session.machine import Document, Pending
+from flatcloth.session.document import Document, Pending
 
 RECORDING = CylinderRecording()
 LIMIT_DEG = Config().planning.z_angle_limit_deg

@@ -20,17 +20,15 @@ from flatcloth.engine.live import LiveFrame
 from flatcloth.engine.repair import RefinedScore
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.answers import AlignmentScore, Canonical
+from flatcloth.session.document import Document, PlacedPart, Side
 from flatcloth.session.journal import Pick, PickDeleted, PickRenamed
 from flatcloth.session.machine import (
-    Document,
     Event,
     Followed,
     NothingMore,
-    PlacedPart,
     Proposed,
     Request,
     SessionState,
-    Side,
     Started,
     apply,
 )

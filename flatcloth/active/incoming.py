@@ -17,8 +17,7 @@ from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.surface import crop_to_item, foreground_mask
 from flatcloth.recordings.film.angles import apart_deg
 from flatcloth.recordings.writer import GrowingRecording
-from flatcloth.session.commands import paint
-from flatcloth.session.machine import Keeper
+from flatcloth.session.machine import Keeper, paint
 
 _SAME_M = 0.010
 """Depths that agree: sway, noise and an angle that is off by two degrees move cloth by less. Chosen."""

@@ -45,8 +45,8 @@ from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
 from flatcloth.recordings.manifest import HEADER as MANIFEST
 from flatcloth.recordings.manifest import has_views, read_manifest
 from flatcloth.recordings.writer import DEPTH_SCALE_M, GrowingRecording, RecordingWriter, depth_units
+from flatcloth.session.document import Document
 from flatcloth.session.header import HEADER, kept_config, take_growth
-from flatcloth.session.machine import Document
 from flatcloth.session.store import SessionFolder
 
 RECORDING = "recording"

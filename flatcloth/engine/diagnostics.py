@@ -13,7 +13,7 @@ from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.answers import ClothPairs, Correspondence
 from flatcloth.methods.paper.alignment import correspond
-from flatcloth.session.machine import Document, Side
+from flatcloth.session.document import Document, Side
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration

@@ -26,8 +26,8 @@ from flatcloth.methods.answers import (
 )
 from flatcloth.methods.base import Method
 from flatcloth.recordings.base import Recording
-from flatcloth.session.document import NO_COMPONENT
-from flatcloth.session.machine import Document, Followed, Side
+from flatcloth.session.document import NO_COMPONENT, Document, Side
+from flatcloth.session.machine import Followed
 
 _MOST_LOSS = 0.1
 """A larger decrease of the score is reported to the operator. Set by hand."""

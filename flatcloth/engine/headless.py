@@ -9,16 +9,15 @@ from dataclasses import KW_ONLY, dataclass, field
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.integration import Integration
-from flatcloth.session.commands import LeftOut
+from flatcloth.session.document import UNSURE, Document
 from flatcloth.session.machine import (
-    UNSURE,
     Accept,
     AcceptAll,
     Command,
-    Document,
     Event,
     Failed,
     Keeper,
+    LeftOut,
     Nudge,
     Phase,
     Propose,

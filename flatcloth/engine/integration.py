@@ -48,19 +48,8 @@ from flatcloth.methods.registry import load_method, method_name
 from flatcloth.methods.sides import fronts, side_of
 from flatcloth.methods.starting import overlap_area_m2
 from flatcloth.recordings.base import Recording
-from flatcloth.session.document import accept_all
-from flatcloth.session.machine import (
-    Document,
-    Event,
-    NothingMore,
-    Pending,
-    PlacedPart,
-    Proposed,
-    Rejected,
-    Request,
-    Side,
-    Started,
-)
+from flatcloth.session.document import Document, Pending, PlacedPart, Rejected, Side, accept_all
+from flatcloth.session.machine import Event, NothingMore, Proposed, Request, Started
 from flatcloth.shape.joints import DecidedParts
 
 _LIKELY_ROTATION_DEG = 30.0

@@ -11,7 +11,7 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.methods.answers import AlignmentScore
 from flatcloth.methods.base import Method
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 
 _LEAST_SPREAD_M = 0.001
 """Points closer together than this do not determine a rotation. Set by hand."""

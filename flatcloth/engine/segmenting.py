@@ -22,8 +22,7 @@ from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.observed import Evidence, gather_evidence
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
-from flatcloth.session.commands import paint
-from flatcloth.session.machine import Keeper
+from flatcloth.session.machine import Keeper, paint
 
 MOST_VIEWS = 600
 """Views in which sides are found. They are registered together: time and memory grow with the square (1,000

@@ -39,7 +39,8 @@ from flatcloth.methods.paper.occlusion import occluding_edges
 from flatcloth.methods.paper.watching import Search, WatchedMatcher
 from flatcloth.methods.starting import components_by_area
 from flatcloth.recordings.base import altered, images_of
-from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Request, Side, Started
+from flatcloth.session.document import Accepted, Document, Pending, Side
+from flatcloth.session.machine import Proposed, Request, Started
 
 INTERVALS_PX = (4, 40)
 """Range of d in the page. Chosen: from every fourth pixel to a tenth of a garment."""

@@ -23,7 +23,7 @@ from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
 from flatcloth.methods.answers import Plan
 from flatcloth.registration.axis import THREADS
 from flatcloth.rendering.pictures import PlanePicture
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.garment.recognition import GarmentService

@@ -40,9 +40,9 @@ from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.registration.axis import THREADS
 from flatcloth.session.axis_file import read_axis
+from flatcloth.session.document import Document
 from flatcloth.session.header import HEADER
 from flatcloth.session.journal import Pick, SheetSide
-from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration

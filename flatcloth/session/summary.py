@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 
 from flatcloth.core.errors import JournalError
+from flatcloth.session.document import Document
 from flatcloth.session.kept import read_kept, write_kept
-from flatcloth.session.machine import Document
 
 FILE = "summary.json"
 

@@ -12,7 +12,7 @@ from viewer_fakes import RADIUS_M
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.diagnostics import reasons
-from flatcloth.session.machine import Side
+from flatcloth.session.document import Side
 
 LIMIT_DEG = Config().planning.z_angle_limit_deg
 

@@ -18,9 +18,9 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import outcome_of
 from flatcloth.engine.sheet import lay_out, place_of_piece
 from flatcloth.methods.registry import method_names
+from flatcloth.session.document import Document, Side
 from flatcloth.session.machine import (
     Accept,
-    Document,
     MemorySession,
     Nudge,
     Phase,
@@ -28,7 +28,6 @@ from flatcloth.session.machine import (
     Reject,
     Reopen,
     SessionState,
-    Side,
     Skip,
     Start,
     TakePart,

@@ -20,9 +20,9 @@ from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
 from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace
+from flatcloth.session.document import UNSURE, Side
 from flatcloth.session.garment import DecideLink
 from flatcloth.session.machine import (
-    UNSURE,
     Accept,
     MemorySession,
     NothingMore,
@@ -32,7 +32,6 @@ from flatcloth.session.machine import (
     Proposed,
     Reject,
     SessionState,
-    Side,
     Start,
     Undo,
     apply,

@@ -21,7 +21,7 @@ from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.methods.answers import Seam
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 from flatcloth.shape.joints import false_share
 from flatcloth.viewer.modes.joints import JointService
 from flatcloth.viewer.protocol.messages import DecideJoint

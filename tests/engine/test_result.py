@@ -13,7 +13,7 @@ from flatcloth.engine.results.result import Areas, left_out
 from flatcloth.export.session import OpenedSession
 from flatcloth.flattening.pixel_states import PixelState
 from flatcloth.rendering.sides import state_legend, state_rgba
-from flatcloth.session.machine import Rejected
+from flatcloth.session.document import Rejected
 
 
 @pytest.fixture(scope="module")

@@ -25,8 +25,8 @@ from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.garments.deciding import placed_piece
 from flatcloth.methods.answers import Canonical
 from flatcloth.session.axis_file import write_axis
+from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import GarmentDecisions, PlacedPiece
-from flatcloth.session.machine import Accepted, Document
 
 
 def test_each_step_shows_what_the_shape_was(session: OpenedSession) -> None:

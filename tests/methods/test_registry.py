@@ -19,7 +19,7 @@ from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Plac
 from flatcloth.methods.base import Method, Views
 from flatcloth.methods.edges import edges_of_parts
 from flatcloth.methods.registry import load_method, method_name, method_names, register, unregister
-from flatcloth.session.machine import Document, Later, PlacedPart, Side
+from flatcloth.session.document import Document, Later, PlacedPart, Side
 
 MOST_VIEWS = 3
 

@@ -16,7 +16,7 @@ from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.results.pixel_states import NEAR_M, states_of
 from flatcloth.flattening.pixel_states import TEXTS, PixelState
 from flatcloth.flattening.surface import foreground_mask
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration

@@ -19,9 +19,9 @@ from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, is_offered, is_sure
 from flatcloth.methods.answers import Canonical
+from flatcloth.session.document import Document
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
 from flatcloth.session.journal import SheetSide
-from flatcloth.session.machine import Document
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import GarmentPreview

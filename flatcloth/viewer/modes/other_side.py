@@ -19,8 +19,8 @@ from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.sheet import Sheet, label_of, lay_out, sheet_of
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.rendering import layers
+from flatcloth.session.document import Document
 from flatcloth.session.garment import DecideSeam
-from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, outline_of, truth_of

@@ -15,7 +15,8 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.repair import PairFit, RefinedScore, fit_pairs
-from flatcloth.session.machine import Document, Nudge, Pending
+from flatcloth.session.document import Document, Pending
+from flatcloth.session.machine import Nudge
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer

@@ -21,7 +21,7 @@ from flatcloth.flattening.surface import item_mask
 from flatcloth.methods.answers import ZAngleLine
 from flatcloth.rendering import layers
 from flatcloth.rendering.pictures import jpeg_thumbnail, picture_thumbnail
-from flatcloth.session.machine import Accepted, Document
+from flatcloth.session.document import Accepted, Document
 from flatcloth.session.summary import keep_summary
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.viewer import http

@@ -15,17 +15,16 @@ from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import RefinedScore
-from flatcloth.session.commands import LeaveOut, paint
+from flatcloth.session.document import Document, Pending
 from flatcloth.session.ghosts import keep_ghosts, read_ghosts
 from flatcloth.session.machine import (
     Accept,
     Command,
-    Document,
     Event,
     Failed,
     Followed,
+    LeaveOut,
     Nudge,
-    Pending,
     Phase,
     Propose,
     Reject,
@@ -35,6 +34,7 @@ from flatcloth.session.machine import (
     Start,
     TakePart,
     apply,
+    paint,
 )
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import auto

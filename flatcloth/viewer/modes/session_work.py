@@ -19,19 +19,9 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, is_on_shape, place_of_piece
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
 from flatcloth.session.axis_file import check_axis
-from flatcloth.session.document import accept
+from flatcloth.session.document import Document, Pending, accept
 from flatcloth.session.ghosts import Ghost, Ghosts
-from flatcloth.session.machine import (
-    Command,
-    Document,
-    Event,
-    Pending,
-    Reopen,
-    Request,
-    SessionState,
-    TakePart,
-    apply,
-)
+from flatcloth.session.machine import Command, Event, Reopen, Request, SessionState, TakePart, apply
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.messages import Move, PlacePiece, SetAxis

@@ -17,7 +17,7 @@ from flatcloth.methods.paper.departures import Aligned
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import without
 from flatcloth.methods.paper.method import PaperMethod
-from flatcloth.session.machine import PlacedPart
+from flatcloth.session.document import PlacedPart
 
 LEAST = 0.6
 
