@@ -30,11 +30,10 @@ from flatcloth.flattening.flatten import Flattening
 from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.registry import method_name
 from flatcloth.recordings.base import Recording, check_index
-from flatcloth.session.axis_file import settle_axis
 from flatcloth.session.header import kept_config
+from flatcloth.session.kept import keep_summary, settle_axis
 from flatcloth.session.machine import MemorySession, SessionState
 from flatcloth.session.store import SessionFolder
-from flatcloth.session.summary import keep_summary
 
 PathLike = str | os.PathLike[str]
 Sides = Literal["one", "both"]

@@ -39,10 +39,10 @@ from flatcloth.methods.paper.planning import column_curves
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.registration.axis import THREADS
-from flatcloth.session.axis_file import read_axis
 from flatcloth.session.document import Document
 from flatcloth.session.header import HEADER
 from flatcloth.session.journal import Pick, SheetSide
+from flatcloth.session.kept import read_axis
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration

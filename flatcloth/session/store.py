@@ -20,7 +20,6 @@ from flatcloth.core.errors import JournalError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.recordings.base import Recording
-from flatcloth.session.axis_file import write_axis
 from flatcloth.session.header import Header, grown, settle_header, write_header
 from flatcloth.session.journal import (
     JOURNAL,
@@ -34,6 +33,7 @@ from flatcloth.session.journal import (
     read_journal,
 )
 from flatcloth.session.journal_file import JournalFile, LockedError, open_locked
+from flatcloth.session.kept import write_axis
 from flatcloth.session.machine import Cancel, SessionState
 
 _log = logging.getLogger(__name__)

@@ -24,9 +24,9 @@ from flatcloth.export.report import _floating
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.garments.deciding import placed_piece
 from flatcloth.methods.answers import Canonical
-from flatcloth.session.axis_file import write_axis
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import GarmentDecisions, PlacedPiece
+from flatcloth.session.kept import write_axis
 
 
 def test_each_step_shows_what_the_shape_was(session: OpenedSession) -> None:

@@ -22,7 +22,7 @@ from flatcloth.methods.answers import ZAngleLine
 from flatcloth.rendering import layers
 from flatcloth.rendering.pictures import jpeg_thumbnail, picture_thumbnail
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.summary import keep_summary
+from flatcloth.session.kept import keep_summary
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController

@@ -16,7 +16,7 @@ from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import RefinedScore
 from flatcloth.session.document import Document, Pending
-from flatcloth.session.ghosts import keep_ghosts, read_ghosts
+from flatcloth.session.kept import keep_ghosts, read_ghosts
 from flatcloth.session.machine import (
     Accept,
     Command,

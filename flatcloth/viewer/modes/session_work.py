@@ -18,9 +18,8 @@ from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, is_on_shape, place_of_piece
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
-from flatcloth.session.axis_file import check_axis
 from flatcloth.session.document import Document, Pending, accept
-from flatcloth.session.ghosts import Ghost, Ghosts
+from flatcloth.session.kept import Ghost, Ghosts, check_axis
 from flatcloth.session.machine import Command, Event, Reopen, Request, SessionState, TakePart, apply
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.modes.controller import PageController
