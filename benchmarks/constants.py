@@ -207,7 +207,7 @@ def garment_figures(
 
     Nothing is returned for a recording without true points.
     """
-    from flatcloth.engine.garment.truth import compare_garment, read_true_points
+    from flatcloth.engine.evaluation import compare_garment, read_true_points
 
     known = service.of(document)
     points = read_true_points(Path(service.integration.recording.location))

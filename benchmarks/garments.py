@@ -21,9 +21,15 @@ from benchmarks.output import Options, save, save_page, say
 from benchmarks.unattended import both_sides
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView
-from flatcloth.engine.evaluation import look_up, trimmed_fit
+from flatcloth.engine.evaluation import (
+    GarmentEvaluation,
+    compare_garment,
+    garment_summary,
+    look_up,
+    read_true_points,
+    trimmed_fit,
+)
 from flatcloth.engine.garment.recognition import evidence_of_shape, seen_from
-from flatcloth.engine.garment.truth import GarmentEvaluation, compare_garment, read_true_points, summary
 from flatcloth.engine.integration import Integration
 from flatcloth.garments import recognition
 from flatcloth.garments.deciding import pixels_of_part
@@ -49,7 +55,7 @@ def run(options: Options) -> None:
     for name, (kind, none) in unknown.items():
         say(f"{name}: {kind}, none of these {none:.2f}")
     evaluations = [row[1] for row in rows]
-    figures = summary(evaluations)
+    figures = garment_summary(evaluations)
     for name, value in figures.items():
         say(f"{name} {value:.3g}")
     if options.quick:

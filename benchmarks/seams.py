@@ -22,8 +22,7 @@ from benchmarks.output import Options, Row, recordings_of, save_page
 from benchmarks.unattended import unattended
 from flatcloth.core.types import MIRROR, FlattenedView, Float64
 from flatcloth.engine.both_sides import BothSides, one_side
-from flatcloth.engine.evaluation import Truth, look_up
-from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
+from flatcloth.engine.evaluation import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth, Truth, look_up
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
 from flatcloth.methods.robust.seams.configuration import Configuration, configured

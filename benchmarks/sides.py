@@ -21,9 +21,8 @@ from benchmarks.output import Options, Row
 from benchmarks.unattended import both_sides, unattended
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.evaluation import CELL_M, Truth, compare, of_interest
+from flatcloth.engine.evaluation import CELL_M, OtherTruth, Truth, compare, compare_sides, of_interest
 from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.session import SessionData
 from flatcloth.methods.answers import JoinedSides

@@ -131,7 +131,7 @@ def stroke_on_side(views: RecordedViews) -> ImageStroke | None:
     """Return a stroke in the middle of the side of interest, as it was found in the first view with it."""
     masks = views.segment(())
     for number in range(len(views.angles_deg)):
-        mask = None if masks is None else masks.of(number, views.recorded(number).depth_m.shape)
+        mask = None if masks is None else masks.mask(number)
         if mask is not None and mask.any():
             depth_px = ndimage.distance_transform_edt(np.pad(mask, 1))
             row, col = np.unravel_index(int(depth_px.argmax()), depth_px.shape)

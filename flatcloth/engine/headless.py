@@ -87,6 +87,7 @@ class Run:
     on_view: Callable[[ViewDecision], None] = field(default=lambda _: None)
     decisions: list[ViewDecision] = field(default_factory=list)
     is_limited: bool = False
+    _reads_ahead: bool = False
 
     @property
     def state(self) -> SessionState:
@@ -101,8 +102,8 @@ class Run:
         A method whose shapes are those of sets takes all views at once, but for those that the others
         contradict.
 
-        With more than one of the ``cores``, likely views are flattened ahead, and if frames are kept, none
-        is read twice; the result is the same.
+        With more than one of the ``cores``, views are read ahead, and if frames are kept, none is read twice;
+        the result is the same.
 
         Raises
         ------
@@ -113,7 +114,7 @@ class Run:
         self.integration.algorithm.is_limited = self.is_limited
         if keeps_frames:
             self.integration.views.keep_frames()
-        self.integration.flattens_ahead = cores > 1
+        self._reads_ahead = cores > 1
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
         if self._takes_all:
@@ -126,7 +127,6 @@ class Run:
                     self._answer(progress)
                 case _:
                     self._ask(Propose(), progress)
-        self.integration.views.flatten_ahead([])
         return self.state
 
     @property
@@ -146,7 +146,7 @@ class Run:
         self._take([view for view in range(count) if view not in known], progress)
 
     def _take(self, views: Sequence[int], progress: Progress) -> None:
-        if self.integration.flattens_ahead:
+        if self._reads_ahead:
             self.integration.views.read_ahead(reversed(views))
         why = self.integration.why_left_out(self.state.document, views, progress)
         taken = tuple(view for view in views if view not in why)

@@ -21,11 +21,9 @@ from flatcloth.core.errors import (
     FlatteningError,
     SurfaceError,
 )
-from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import (
     Bool,
     FlattenedView,
-    Float64,
     Progress,
     RotationAxis,
     no_progress,
@@ -52,17 +50,8 @@ from flatcloth.session.document import Document, Pending, PlacedPart, Rejected, 
 from flatcloth.session.machine import Event, NothingMore, Proposed, Request, Started
 from flatcloth.shape.joints import DecidedParts
 
-_LIKELY_ROTATION_DEG = 30.0
-"""Views about this far from the present one are decoded ahead. Chosen; not measured."""
 CONTRADICTS = "contradicts the other views"
 """Reason why a view is left out: too many of its pairs contradict those of the other views."""
-VIEWS_AHEAD = 6
-"""Number of views decoded or flattened ahead. Chosen: more delay the computation that the user waits for."""
-_NEXT_APART_DEG = 30.0
-"""Candidates this far from the planned view are flattened first, as nearer ones show the same cloth: in four
-of five cases the next planned view was among the best two of them. Measured on two recordings."""
-_FIRST_ROTATION_DEG = 60.0
-"""From the start view to the next two, one to each side; 50 to 70 degrees on three recordings. Measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,9 +116,6 @@ class Integration:
     ConfigError
         If the method is unknown.
     """
-
-    flattens_ahead = False
-    """Set by a run with a second core: the views that are likely next are flattened ahead."""
 
     def __init__(
         self,
@@ -334,8 +320,6 @@ class Integration:
     # ---------------------------------------------------------------- the work itself
 
     def _start_view(self, progress: Progress) -> int:
-        if self.flattens_ahead:
-            self.views.flatten_ahead(self._likely_first(int(self.views.observed_areas_m2(progress).argmax())))
         view = self.algorithm.start_view(progress)
         if view is None:
             raise FlatteningError(
@@ -358,8 +342,6 @@ class Integration:
             if plan.view_index is None:
                 reason = plan.reason + (" Left out: " + " ".join(tried) if tried else "")
                 return NothingMore(token, reason)
-            if self.flattens_ahead:
-                self.views.flatten_ahead(self._likely_after(plan))
             try:
                 proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
             except (SurfaceError, FlatteningError, AlignmentError) as error:
@@ -402,37 +384,7 @@ class Integration:
         placement = self.algorithm.propose(document, view_index, side, progress)
         return Proposal(view_index=view_index, side=side, plan=plan, placement=placement)
 
-    def _read_ahead_of(self, view_index: int) -> None:
-        """Decode the views that a rotation from this one may lead to next, the likeliest first."""
-        if self.views.keeps_frames:
-            return
-        turn = self._turns_from(view_index)
-        near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))
-        likeliest = near[np.argsort(np.abs(turn[near] - _LIKELY_ROTATION_DEG), kind="stable")]
-        self.views.read_ahead(likeliest[:VIEWS_AHEAD].tolist())
-
-    def _likely_first(self, start: int) -> list[int]:
-        """Return the views that will likely be planned after the start view, the likeliest first."""
-        off = np.abs(self._turns_from(start) - _FIRST_ROTATION_DEG)
-        order: list[int] = np.argsort(off, kind="stable").tolist()
-        return [view for view in order if view != start]
-
-    def _turns_from(self, view_index: int) -> Float64:
-        """Return the rotation (n_views,) from a view to each, 0 to 180 degrees."""
-        angles = np.asarray(self.recording.angles_deg)
-        turns: Float64 = np.abs(wrapped_deg(angles - angles[view_index]))
-        return turns
-
-    def _likely_after(self, plan: Plan) -> list[int]:
-        """Return the views that will likely be planned after the planned one, the likeliest first."""
-        planned = plan.view_index
-        assert planned is not None
-        turns, views = self._turns_from(planned), [c.view_index for c in plan.candidates]
-        likely = [view for view in views if turns[view] >= _NEXT_APART_DEG]
-        return list(dict.fromkeys([*likely, *(view for view in views if view != planned)]))[:VIEWS_AHEAD]
-
     def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
-        self._read_ahead_of(proposal.view_index)
         key = (*_shape_of(document), proposal.view_index, proposal.side)
         self._proposals.drop(lambda kept: kept == key)  # that of a view which was chosen by hand before
         self._proposals.put(key, proposal)

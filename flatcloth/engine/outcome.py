@@ -89,7 +89,7 @@ def outcome_of(
         ],
         "pixels": pixel_counts(integration, document),
         **_cameras(integration, document),
-        **({} if masks is None else {"segmentation": summary(masks.segmentation)}),
+        **({} if masks is None else {"segmentation": summary(masks)}),
     }
 
 

@@ -14,9 +14,9 @@ from flatcloth.api.integrating import integrate
 from flatcloth.cli import main
 from flatcloth.core.resources import sample_recordings
 from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.evaluation import OtherTruth, compare_sides
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
 from flatcloth.export.garment import garment_document, other_points
 from flatcloth.garments.distance import to_edges
 from flatcloth.recordings import open_recording

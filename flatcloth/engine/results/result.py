@@ -12,11 +12,11 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import FlatteningError, SurfaceError
 from flatcloth.core.geometry import back_project, object_from_camera, wrapped_deg
 from flatcloth.core.types import FlattenedView, Float64, Uint8
-from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.results.pixel_states import NEAR_M, states_of
 from flatcloth.flattening.pixel_states import TEXTS, PixelState
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.session.document import Document
+from flatcloth.shape.shape import RELIABLE_M
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -158,7 +158,7 @@ def uncertainty(view: FlattenedView) -> dict[str, float]:
         return {"firm_share": 0.0}
     return {
         "placement_std_median_mm": round(1e3 * float(np.median(std)), 2),
-        "firm_share": round(float((std <= FIRM_M).mean()), 4),
+        "firm_share": round(float((std <= RELIABLE_M).mean()), 4),
     }
 
 
