@@ -29,7 +29,7 @@ from flatcloth.engine.evaluation import (
     read_true_points,
     trimmed_fit,
 )
-from flatcloth.engine.garment.recognition import evidence_of_shape, seen_from
+from flatcloth.engine.garment import evidence_of_shape, seen_from
 from flatcloth.engine.integration import Integration
 from flatcloth.garments import recognition
 from flatcloth.garments.deciding import pixels_of_part
@@ -68,8 +68,8 @@ def run(options: Options) -> None:
 
 def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[str, Any]]:
     """Return a recording's name, its comparison, the seconds of the steps and what is learned from it."""
-    service, both, document, truth = both_sides(source)
-    integration, sides = service.integration, both.of(document)
+    service, document, truth = both_sides(source)
+    integration, sides = service.integration, service.joined(document)
     canonical = integration.canonical(document)
     points = read_true_points(Path(integration.recording.location))
     assert points is not None, f"{source}: no truth/points.json"

@@ -34,9 +34,7 @@ from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.deciding import place_sure_pieces
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.engine.garment import GarmentService, KnownGarment, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.export.session import SessionData, frames_of
@@ -189,12 +187,13 @@ class ActiveLoop:
             session, integration = self.session, self.integration
             if session is None or integration is None or self.document.start_view is None:
                 return []
-            garments = GarmentService(integration, both := self._learnt.both)
+            both = self._learnt.both
+            garments = GarmentService(integration) if both is None else both.with_doubted_links()
             self._learnt = replace(self._learnt, known=place_sure_pieces(garments, session))
             frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
             if both is None and integration.algorithm.joins_sides:  # this side alone told the garment
-                both = BothSides(integration)
-            joined = None if both is None else both.of
+                both = GarmentService(integration)
+            joined = None if both is None else both.joined
             data = SessionData(integration, self.document, session.picks, frames, {}, garments, joined)
             return data.write(self.folder)
 

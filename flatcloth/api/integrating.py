@@ -16,9 +16,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import CancelledError
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Progress, no_progress
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.deciding import place_sure_pieces
-from flatcloth.engine.garment.recognition import GarmentService
+from flatcloth.engine.garment import GarmentService, place_sure_pieces
 from flatcloth.engine.headless import Run, ViewDecision
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import earlier_scores
@@ -158,8 +156,8 @@ def integrate(
                 stack.callback(keeper.close)
                 settle_axis(folder, integration.views)
             take_strokes(integration.views, keeper, strokes)
-        both = BothSides(integration) if sides == "both" and integration.algorithm.joins_sides else None
-        service = GarmentService(integration, both)
+        joins = sides == "both" and integration.algorithm.joins_sides
+        service = GarmentService(integration, joins=joins)
         run = Run(integration, keeper)
         if (show := on_view) is not None:
             run.on_view = lambda decision: show(
@@ -168,15 +166,15 @@ def integrate(
         with _timed(seconds, "integrating"):
             document = run.finish(watched, cores or len(os.sched_getaffinity(0))).document
             integration.canonical(document)
-        if both is not None:  # first, as the garment is recognised by the edges of both sides
+        if joins:  # first, as the garment is recognised by the edges of both sides
             with _timed(seconds, "other side"):
-                both.of(document, watched, cores or len(os.sched_getaffinity(0)))
+                service.joined(document, watched, cores or len(os.sched_getaffinity(0)))
         with _timed(seconds, "garment"):
             watched(1.0, "recognising the garment")
             _recognise(service, keeper)
         scores = dict(earlier_scores(folder)) if folder else {}
         scores |= {d.view_index: d.score for d in run.decisions if d.accepted and math.isfinite(d.score)}
-        data = replace(_data(service, keeper, scores), both=None if both is None else both.of)
+        data = replace(_data(service, keeper, scores), both=service.joined if joins else None)
     return Shape(data, tuple(run.decisions), seconds)
 
 

@@ -18,7 +18,7 @@ from flatcloth.core.errors import EvaluationError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float32, Float64, Floats, Rigid2
-from flatcloth.engine.garment.recognition import points_on_other_side
+from flatcloth.engine.garment import points_on_other_side
 from flatcloth.garments.recognition import NONE, Recognition, is_sure
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.recordings.base import Recording, altered, images_of

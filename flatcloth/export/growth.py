@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, RotationAxis, no_progress
-from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.results.result import at_step, earlier_shape
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
@@ -26,7 +26,6 @@ from flatcloth.rendering.pictures import PlanePicture
 from flatcloth.session.document import Document
 
 if TYPE_CHECKING:
-    from flatcloth.engine.garment.recognition import GarmentService
     from flatcloth.engine.integration import Integration
 
 _MIB = 1 << 20
@@ -62,19 +61,19 @@ class Kept:
     """
 
     def __init__(
-        self, garments: GarmentService | None = None, both: Callable[[], BothSides | None] = lambda: None
+        self, garments: GarmentService | None = None, both: Callable[[], GarmentService | None] = lambda: None
     ) -> None:
         self.garments, self.both = garments, both
-        self._own: BothSides | None = None
+        self._own: GarmentService | None = None
         self.plans: Cache[Plan | None] = Cache(_MOST, _PLANS_BYTES)
         self.growths: Cache[GrownArrays] = Cache(_MOST, _GROWTHS_BYTES)
         self.pictures: Cache[PlanePicture] = Cache(_MOST, _PICTURES_BYTES)
         self.sheets: Cache[Sheet] = Cache(_MOST, _SHEETS_BYTES)
 
-    def both_of(self, integration: Integration) -> BothSides:
+    def both_of(self, integration: Integration) -> GarmentService:
         """Return the other side of an integration, the same one for all exports (cached)."""
         if self._own is None or self._own.integration is not integration:
-            self._own = BothSides(integration)
+            self._own = GarmentService(integration)
         return self._own
 
 

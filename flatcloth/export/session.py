@@ -14,8 +14,7 @@ import numpy as np
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.outcome import FILE as OUTCOME
 from flatcloth.engine.outcome import earlier_scores, has_other_side, outcome_of, outcome_text, sides_entry
 from flatcloth.engine.sheet import Sheet, lay_out, sheet_of, with_placed_pieces
@@ -193,7 +192,7 @@ class OpenedSession:
     @cached_property
     def garments(self) -> GarmentService:
         """Recognises the garment, once for all files."""
-        return self.kept.garments or GarmentService(self.integration, self.both)
+        return self.kept.garments or self.both or GarmentService(self.integration)
 
     @cached_property
     def garment(self) -> KnownGarment | str:
@@ -201,7 +200,7 @@ class OpenedSession:
         return self.data().garment
 
     @cached_property
-    def both(self) -> BothSides | None:
+    def both(self) -> GarmentService | None:
         """The other side, if the session has it: its page or an unattended run computed it, or uses it."""
         kept = self.kept.both()
         if kept is not None:
@@ -220,7 +219,7 @@ class OpenedSession:
 
     def _joined(self, document: Document) -> JoinedSides | str:
         assert self.both is not None
-        return self.both.of(document, self.progress, THREADS)
+        return self.both.joined(document, self.progress, THREADS)
 
     @property
     def other_view(self) -> FlattenedView | None:

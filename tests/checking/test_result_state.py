@@ -16,7 +16,7 @@ from flatcloth.checking.lens import FOCAL_STD
 from flatcloth.checking.result import LEAST_VIEWS, contradicting_views, is_hopeless, wrong_with
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import object_from_camera
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.trust import Trust
 from flatcloth.export.garment import lines_of
 from flatcloth.garments.deciding import DecidedPieces

@@ -13,9 +13,8 @@ import flatcloth
 from flatcloth.api.integrating import integrate
 from flatcloth.cli import main
 from flatcloth.core.resources import sample_recordings
-from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.evaluation import OtherTruth, compare_sides
-from flatcloth.engine.garment.recognition import GarmentService
+from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.export.garment import garment_document, other_points
 from flatcloth.garments.distance import to_edges
@@ -135,7 +134,7 @@ def test_with_one_side_nothing_of_the_other_is_left(shape, tmp_path: Path):
 
 def test_the_papers_method_has_one_side(place: str):
     integration = Integration(open_recording(place), method="paper")
-    assert BothSides(integration).of(Document(start_view=0)) == (
+    assert GarmentService(integration).joined(Document(start_view=0)) == (
         "Only one side is in the shape: the method paper integrates one."
     )
 
@@ -148,7 +147,7 @@ def test_masks_that_name_both_sides_are_taken_as_they_are(place: str):
         return images_of(recording[view])._replace(other_mask=its[view].outer_face)
 
     integration = Integration(altered(recording, read=named))
-    mask_of = BothSides(integration)._masks(Document(), lambda share, text: None)
+    mask_of = GarmentService(integration)._masks(Document(), lambda share, text: None)
     for view in (0, 9):
         assert np.array_equal(mask_of(integration.views.frame(view)), its[view].outer_face)
 

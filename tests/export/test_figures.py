@@ -21,7 +21,7 @@ from PIL import Image
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import KnownGarment
 from flatcloth.export.by_name import made
 from flatcloth.export.figures import all_figures, garment, maps, of_decision, plan_of, side_of
 from flatcloth.export.report import report

@@ -10,7 +10,7 @@ import pytest
 from garment_evidence import at_mean, blank_view
 
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.engine.garment.recognition import _with_joined
+from flatcloth.engine.garment import _with_joined
 from flatcloth.garments.distance import inside_outline, to_edges
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.example import seen_outline

@@ -9,8 +9,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.deciding import piece_decision
-from flatcloth.engine.garment.recognition import KnownGarment, points_on_other_side
+from flatcloth.engine.garment import KnownGarment, piece_decision, points_on_other_side
 from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth

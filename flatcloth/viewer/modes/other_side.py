@@ -13,8 +13,7 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Float64, LaidPiece
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.deciding import decided_seam
+from flatcloth.engine.garment import GarmentService, decided_seam
 from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.sheet import Sheet, label_of, lay_out, sheet_of
 from flatcloth.methods.answers import JoinedSides, Seam
@@ -41,13 +40,13 @@ class OtherSideController:
     ----------
     page : PageController
         The page.
-    both : BothSides
+    both : GarmentService
         Integrates and joins the other side.
     on_made : callable
         Called when another side is ``made``, or none.
     """
 
-    def __init__(self, page: PageController, both: BothSides, on_made: Callable[[], None]) -> None:
+    def __init__(self, page: PageController, both: GarmentService, on_made: Callable[[], None]) -> None:
         self._page, self.both, self._on_made = page, both, on_made
         self._asked: tuple[Hashable, ...] | None = None
         self._revision = 0
@@ -117,7 +116,7 @@ class OtherSideController:
                 self._page.executor.on_page(lambda: self._progressed(Progress(share=share, text=text)))
 
         with one_at_a_time(check):
-            sides = self.both.of(document, report, check=check)
+            sides = self.both.joined(document, report, check=check)
             return sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
 
     def _laid_out(self, key: Hashable, document: Document, sides: JoinedSides, this: Sheet) -> OtherSheet:

@@ -12,7 +12,7 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, RotationAxis
-from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import RefinedScore
 from flatcloth.session.document import Document, Pending
@@ -81,7 +81,7 @@ class Application(PageController):
         self._expected: tuple[Document, float | None] | None = None
         self._joins: tuple[Document, bool] | None = None
         self._placing = session_work.Placing(ghosts=read_ghosts(self.place))
-        self.other = OtherSideController(self, self._both, self._other_made)
+        self.other = OtherSideController(self, self.garments, self._other_made)
         self._work = SessionWork(self, self._answered, self._drawn, self.other.laid)
         self._repair = repair.RepairService(self)
         self._review = ReviewService(self)
@@ -106,7 +106,7 @@ class Application(PageController):
             *self.other.routes(),
         ]
 
-    def both(self) -> BothSides | None:
+    def both(self) -> GarmentService | None:
         """Return the other side of the item if the page shows it."""
         return None if self.other.made is None else self.other.both
 

@@ -14,7 +14,7 @@ from msgspec import structs
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import LaidPiece, Rigid2, RotationAxis, finite
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, is_on_shape, place_of_piece
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled

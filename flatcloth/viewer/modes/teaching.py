@@ -23,16 +23,17 @@ from flatcloth.checking.check import CheckLesson, check_lesson
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.parcel import Parcel, record
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, Progress, RotationAxis, Uint8, finite
-from flatcloth.engine.garment.lesson import GarmentLesson, garment_lesson
 from flatcloth.engine.segmenting import SidesLesson
 from flatcloth.engine.sheet import outline_loops
 from flatcloth.engine.teaching import (
     AlignmentLesson,
     FlatteningLesson,
+    GarmentLesson,
     Parameters,
     PlanningLesson,
     StartLesson,
     Teaching,
+    garment_lesson,
 )
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Level
