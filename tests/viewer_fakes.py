@@ -17,7 +17,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import GarmentError, JournalError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
 from flatcloth.engine.live import LiveFrame
-from flatcloth.engine.repair import RefinedScore
+from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.answers import AlignmentScore, Canonical
 from flatcloth.session.document import Document, PlacedPart, Side

@@ -6,17 +6,14 @@ This takes a few hundredths of a second, plus the flattening of the view if it i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from flatcloth.core.errors import AlignmentError, FlatclothError
 from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import Rigid2
+from flatcloth.engine.integration import Integration
 from flatcloth.methods.answers import ClothPairs, Correspondence
 from flatcloth.methods.paper.alignment import correspond
 from flatcloth.session.document import Document, Side
-
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,13 +28,14 @@ from flatcloth.core.types import (
     RotationAxis,
     no_progress,
 )
-from flatcloth.engine.following import (
+from flatcloth.engine.placing import (
+    RefinedScore,
     follow,
     laid_beside,
     plan_put_off,
+    refine_and_score,
     why_hopeless,
 )
-from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.trust import Trust
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.cloth import Cloth
@@ -43,8 +44,7 @@ from flatcloth.garments.deciding import decided_parts, with_doubts
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method
 from flatcloth.methods.registry import load_method, method_name
-from flatcloth.methods.sides import fronts, side_of
-from flatcloth.methods.starting import overlap_area_m2
+from flatcloth.methods.starting import fronts, overlap_area_m2, side_of
 from flatcloth.recordings.base import Recording
 from flatcloth.session.document import Document, Pending, PlacedPart, Rejected, Side, accept_all
 from flatcloth.session.machine import Event, NothingMore, Proposed, Request, Started

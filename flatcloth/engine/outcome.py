@@ -16,9 +16,8 @@ from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.joints import Joint, alternatives, joints_of
-from flatcloth.engine.results.pixel_states import pixel_counts
-from flatcloth.engine.results.result import uncertainty
+from flatcloth.engine.joints import Joint, alternatives, joints_of
+from flatcloth.engine.result import pixel_counts, uncertainty
 from flatcloth.engine.segmenting import summary
 from flatcloth.engine.sheet import OTHER_FILE, SheetPiece, other_floating_file, sheet_of
 from flatcloth.methods.answers import JoinedSides, OtherJoint, Seam

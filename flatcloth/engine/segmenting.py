@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from flatcloth.core.strokes import Decision, ImageStroke, why_off_image
 from flatcloth.core.types import Progress, RgbdFrame, no_progress
 from flatcloth.engine.views import RecordedViews
 from flatcloth.recordings.base import Recording, ViewImages, altered, images_of
-from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.observed import Evidence, gather_evidence
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
@@ -149,28 +147,3 @@ def summary(segmentation: Segmentation) -> dict[str, Any]:
             for cut in segmentation.cut_off
         ],
     }
-
-
-@dataclass(frozen=True, kw_only=True)
-class SidesLesson:
-    """How the side of interest is found: the start view as recorded, the result, a slice of the evidence."""
-
-    frame: RgbdFrame
-    found: Segmentation
-    section: Slice
-
-
-def sides_lesson(views: RecordedViews, progress: Progress = no_progress) -> SidesLesson:
-    """Find the sides of a recording for the teaching mode; masks of its own are not used.
-
-    Raises
-    ------
-    SegmentationError, RecordingError
-        As :func:`prepare`.
-    """
-    solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
-    return SidesLesson(
-        frame=views.recorded(solver.observed.start_view),
-        found=solver.solve(()),
-        section=telling_slice(solver.observed, views.axis),
-    )

@@ -23,13 +23,14 @@ from flatcloth.core.types import (
     Float64,
     Int32,
     Progress,
+    RgbdFrame,
     Rigid2,
     Uint8,
     no_progress,
 )
 from flatcloth.engine.garment import KnownGarment
 from flatcloth.engine.integration import Integration, Proposal
-from flatcloth.engine.segmenting import SidesLesson, sides_lesson
+from flatcloth.engine.segmenting import prepare
 from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.flatten import Flattening, Level, flatten
 from flatcloth.flattening.surface import observe_item
@@ -44,6 +45,8 @@ from flatcloth.methods.paper.occlusion import occluding_edges
 from flatcloth.methods.paper.watching import Search, WatchedMatcher
 from flatcloth.methods.starting import components_by_area
 from flatcloth.recordings.base import altered, images_of
+from flatcloth.segmentation.explanation import Slice, telling_slice
+from flatcloth.segmentation.result import Segmentation
 from flatcloth.session.document import Accepted, Document, Pending, Side
 from flatcloth.session.machine import Proposed, Request, Started
 
@@ -484,3 +487,28 @@ def _followed(best: Fit, evidence: PieceEvidence) -> tuple[Float64, Float64, Flo
             factors.append(widened)
     outlines = [[fit.garment_from_piece[0].inverse().apply(fit.outline) for fit in row] for row in rows]
     return np.array(outlines), np.array([[fit.energy for fit in row] for row in rows]), np.array(factors)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SidesLesson:
+    """How the side of interest is found: the start view as recorded, the result, a slice of the evidence."""
+
+    frame: RgbdFrame
+    found: Segmentation
+    section: Slice
+
+
+def sides_lesson(views: RecordedViews, progress: Progress = no_progress) -> SidesLesson:
+    """Find the sides of a recording for the teaching mode; masks of its own are not used.
+
+    Raises
+    ------
+    SegmentationError, RecordingError
+        As :func:`prepare`.
+    """
+    solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
+    return SidesLesson(
+        frame=views.recorded(solver.observed.start_view),
+        found=solver.solve(()),
+        section=telling_slice(solver.observed, views.axis),
+    )

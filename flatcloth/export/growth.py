@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from flatcloth.core.cache import Cache
 from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.engine.garment import GarmentService
-from flatcloth.engine.results.result import at_step, earlier_shape
+from flatcloth.engine.result import at_step, earlier_shape
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
 from flatcloth.methods.answers import Plan

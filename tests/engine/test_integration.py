@@ -15,7 +15,7 @@ from flatcloth.core.errors import FlatclothError, FlatteningError
 from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.pixel_states import pixel_counts
+from flatcloth.engine.result import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
 from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace

@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import MIRROR, Rigid2
+from flatcloth.engine.joints import Alternative, alternatives, joints_of, with_places
 from flatcloth.engine.outcome import lines_of
-from flatcloth.engine.results.joints import Alternative, alternatives, joints_of, with_places
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace

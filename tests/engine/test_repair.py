@@ -12,7 +12,7 @@ from sheet_runs import STEPS, done, shared
 
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.repair import fit_pairs
+from flatcloth.engine.placing import fit_pairs
 from flatcloth.methods.answers import AlignmentScore
 from flatcloth.methods.registry import method_names
 from flatcloth.session.machine import Accept, Nudge, Propose, SessionState, Start, apply

@@ -16,7 +16,7 @@ from flatcloth.core.cache import size_in_bytes
 from flatcloth.core.errors import JournalError, RecordingError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.result import at_step
+from flatcloth.engine.result import at_step
 from flatcloth.engine.sheet import lay_out
 from flatcloth.export.figures import picture_before
 from flatcloth.export.growth import Kept, colors_of, grow, key_of

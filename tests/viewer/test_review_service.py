@@ -11,7 +11,7 @@ from route_client import RouteClient
 from scenes import AXIS
 
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.results.result import More, Result
+from flatcloth.engine.result import More, Result
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 from flatcloth.viewer.modes import review

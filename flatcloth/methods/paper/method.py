@@ -24,8 +24,7 @@ from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import Renewed, begin, lay_over, renew
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.paper.planning import choose, column_curves, plan_side
-from flatcloth.methods.sides import fronts, side_of
-from flatcloth.methods.starting import overlap_area_m2, start_by_component
+from flatcloth.methods.starting import fronts, overlap_area_m2, side_of, start_by_component
 from flatcloth.session.document import Accepted, Document, Later, PlacedPart, Side
 
 

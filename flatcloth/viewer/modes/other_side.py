@@ -14,7 +14,7 @@ from starlette.routing import BaseRoute
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Float64, LaidPiece
 from flatcloth.engine.garment import GarmentService, decided_seam
-from flatcloth.engine.results.result import uncertainty
+from flatcloth.engine.result import uncertainty
 from flatcloth.engine.sheet import Sheet, label_of, lay_out, sheet_of
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.rendering import layers

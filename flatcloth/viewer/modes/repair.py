@@ -14,7 +14,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.engine.repair import PairFit, RefinedScore, fit_pairs
+from flatcloth.engine.placing import PairFit, RefinedScore, fit_pairs
 from flatcloth.session.document import Document, Pending
 from flatcloth.session.machine import Nudge
 from flatcloth.viewer.modes.controller import PageController

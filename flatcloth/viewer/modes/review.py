@@ -15,7 +15,7 @@ from starlette.routing import BaseRoute
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.diagnostics import Reasons, reasons
-from flatcloth.engine.results.result import Areas, Result, expected_next_m2, result_of
+from flatcloth.engine.result import Areas, Result, expected_next_m2, result_of
 from flatcloth.export.history import FLAGS, SUSPECT, Flags, overridden, read_history
 from flatcloth.flattening.surface import item_mask
 from flatcloth.methods.answers import ZAngleLine

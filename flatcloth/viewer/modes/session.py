@@ -14,7 +14,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.repair import RefinedScore
+from flatcloth.engine.placing import RefinedScore
 from flatcloth.session.document import Document, Pending
 from flatcloth.session.kept import keep_ghosts, read_ghosts
 from flatcloth.session.machine import (

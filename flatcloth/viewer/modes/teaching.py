@@ -23,7 +23,6 @@ from flatcloth.checking.check import CheckLesson, check_lesson
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.parcel import Parcel, record
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, Progress, RotationAxis, Uint8, finite
-from flatcloth.engine.segmenting import SidesLesson
 from flatcloth.engine.sheet import outline_loops
 from flatcloth.engine.teaching import (
     AlignmentLesson,
@@ -31,6 +30,7 @@ from flatcloth.engine.teaching import (
     GarmentLesson,
     Parameters,
     PlanningLesson,
+    SidesLesson,
     StartLesson,
     Teaching,
     garment_lesson,
