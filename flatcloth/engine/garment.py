@@ -364,9 +364,10 @@ class GarmentService:
 
     def joined_before(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
         """Return the sides as :meth:`other` does, also if nothing relates them."""
-        sides = self._joined.kept(self._key(_as_seen(document)))
+        if (sides := self._joined.kept(self._key(_as_seen(document)))) is None:
+            return None
         other = self._others.kept(self._of(document))
-        return None if sides is None or other is None else (sides, *other)
+        return None if other is None else (sides, *other)
 
     def _join(
         self, document: Document, progress: Progress, cores: int, check: Callable[[], None]
