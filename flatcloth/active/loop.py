@@ -194,7 +194,7 @@ class ActiveLoop:
             if both is None and integration.algorithm.joins_sides:  # this side alone told the garment
                 both = GarmentService(integration)
             joined = None if both is None else both.joined
-            data = SessionData(integration, self.document, session.picks, frames, {}, garments, joined)
+            data = SessionData(integration, self.document, session.picks, frames, garments, joined)
             return data.write(self.folder)
 
     def close(self) -> None:

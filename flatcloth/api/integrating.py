@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -19,7 +18,6 @@ from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.garment import GarmentService, place_sure_pieces
 from flatcloth.engine.headless import Run, ViewDecision
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.outcome import earlier_scores
 from flatcloth.engine.segmenting import prepare, take_strokes
 from flatcloth.engine.sheet import sheet_of
 from flatcloth.export.session import SessionData, frames_of
@@ -161,7 +159,7 @@ def integrate(
         run = Run(integration, keeper)
         if (show := on_view) is not None:
             run.on_view = lambda decision: show(
-                decision, Shape(replace(_data(service, keeper, {}), is_growing=True))
+                decision, Shape(replace(_data(service, keeper), is_growing=True))
             )
         with _timed(seconds, "integrating"):
             document = run.finish(watched, cores or len(os.sched_getaffinity(0))).document
@@ -172,9 +170,7 @@ def integrate(
         with _timed(seconds, "garment"):
             watched(1.0, "recognising the garment")
             _recognise(service, keeper)
-        scores = dict(earlier_scores(folder)) if folder else {}
-        scores |= {d.view_index: d.score for d in run.decisions if d.accepted and math.isfinite(d.score)}
-        data = replace(_data(service, keeper, scores), both=service.joined if joins else None)
+        data = replace(_data(service, keeper), both=service.joined if joins else None)
     return Shape(data, tuple(run.decisions), seconds)
 
 
@@ -206,14 +202,12 @@ def open_session(
     return Shape(open_session_folder(Path(folder), place, progress or no_progress).data())
 
 
-def _data(
-    service: GarmentService, keeper: MemorySession | SessionFolder, scores: Mapping[int, float]
-) -> SessionData:
+def _data(service: GarmentService, keeper: MemorySession | SessionFolder) -> SessionData:
     document, integration = keeper.state.document, service.integration
     if isinstance(keeper, MemorySession):
-        return SessionData(integration, document, (), frames_of(integration, document, {}), scores, service)
+        return SessionData(integration, document, (), frames_of(integration, document, {}), service)
     frames = frames_of(integration, document, read_grips(keeper.folder))
-    return SessionData(integration, document, keeper.picks, frames, scores, service)
+    return SessionData(integration, document, keeper.picks, frames, service)
 
 
 def _recognise(service: GarmentService, keeper: MemorySession | SessionFolder) -> None:

@@ -16,7 +16,7 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
 from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.outcome import FILE as OUTCOME
-from flatcloth.engine.outcome import earlier_scores, has_other_side, outcome_of, outcome_text, sides_entry
+from flatcloth.engine.outcome import has_other_side, outcome_of, outcome_text, sides_entry
 from flatcloth.engine.sheet import Sheet, lay_out, sheet_of, with_placed_pieces
 from flatcloth.export.data import (
     GARMENT,
@@ -53,7 +53,7 @@ _FLOATING = re.compile(r"floating-[1-9][0-9]{0,2}\.npz")
 class SessionData:
     """What a session leaves behind as data; each part is computed on first use.
 
-    ``scores`` are those of views whose acceptance keeps none, by view; ``garments`` recognises the garment, a
+    ``garments`` recognises the garment, a
     new service by default. ``both`` joins the other side to a document's shape, if that belongs to it.
     ``is_growing``: views are still being added, and no garment is recognised for the deviations of the shape.
     """
@@ -62,7 +62,6 @@ class SessionData:
     document: Document
     picks: tuple[Pick, ...]
     frames: GraspFrames
-    scores: Mapping[int, float] = field(default_factory=dict)
     garments: GarmentService | None = None
     both: Callable[[Document], JoinedSides | str] | None = None
     is_growing: bool = False
@@ -98,7 +97,7 @@ class SessionData:
     @cached_property
     def outcome(self) -> dict[str, Any]:
         """The content of ``outcome.json``."""
-        outcome = outcome_of(self.integration, self.document, self.scores, self.canonical.view)
+        outcome = outcome_of(self.integration, self.document, self.canonical.view)
         outcome["garment"] = outcome_entry(self.garment)
         if self.sides is not None:
             outcome["other_side"] = sides_entry(self.sides)
@@ -285,7 +284,6 @@ class OpenedSession:
             history.begun,
             history.picks,
             frames_of(self.integration, history.document, history.grips, base_from_camera, rotation_deg),
-            earlier_scores(history.folder),
             self.garments,
             None if self.both is None else self._joined,
         )
