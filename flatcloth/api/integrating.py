@@ -166,7 +166,7 @@ def integrate(
             integration.canonical(document)
         if joins:  # first, as the garment is recognised by the edges of both sides
             with _timed(seconds, "other side"):
-                service.joined(document, watched, cores or len(os.sched_getaffinity(0)))
+                service.joined(document, watched)
         with _timed(seconds, "garment"):
             watched(1.0, "recognising the garment")
             _recognise(service, keeper)

@@ -11,7 +11,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import cv2
 import numpy as np
@@ -30,6 +30,7 @@ from flatcloth.core.types import (
     RgbdFrame,
     no_progress,
 )
+from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import evidence_of as evidence_of_sides
 from flatcloth.engine.sheet import with_placed_pieces
@@ -66,7 +67,7 @@ from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.registration.registered import Registered
 from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.other_side import other_side
-from flatcloth.session.document import Document, accept_all
+from flatcloth.session.document import Document
 from flatcloth.session.garment import (
     DecidedSeam,
     DecideLink,
@@ -76,7 +77,7 @@ from flatcloth.session.garment import (
     PlacedPiece,
     without_doubts,
 )
-from flatcloth.session.machine import Keeper, MemorySession, Request, SessionState, Started
+from flatcloth.session.machine import Keeper, MemorySession, SessionState
 
 _SEAM_PLACES = 40
 """Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
@@ -328,7 +329,6 @@ class GarmentService:
         self,
         document: Document,
         progress: Progress = no_progress,
-        cores: int = 1,
         check: Callable[[], None] = lambda: None,
     ) -> JoinedSides | str:
         """Return the other side joined to a document's shape, or the reason why there is none (cached).
@@ -344,7 +344,7 @@ class GarmentService:
         try:
             with self._joining:
                 for each in (_as_seen(document), document):
-                    joined = self._join(each, progress, cores, check)
+                    joined = self._joined.get(self._key(each), partial(self._made, each, progress, check))
                 kept = self._others.kept(self._of(document))
                 if kept is not None and not self._keeps_views:
                     kept[0].views.release(kept[1].used_views)
@@ -369,11 +369,6 @@ class GarmentService:
         other = self._others.kept(self._of(document))
         return None if other is None else (sides, *other)
 
-    def _join(
-        self, document: Document, progress: Progress, cores: int, check: Callable[[], None]
-    ) -> JoinedSides:
-        return self._joined.get(self._key(document), lambda: self._made(document, progress, cores, check))
-
     @staticmethod
     def _key(document: Document) -> tuple[Hashable, ...]:
         return document.shape_key, document.garment.pieces, document.garment.seams
@@ -383,9 +378,7 @@ class GarmentService:
         axis = self.integration.axis
         return (*document.strokes, tuple(axis.point_m), tuple(axis.direction))
 
-    def _made(
-        self, document: Document, progress: Progress, cores: int, check: Callable[[], None]
-    ) -> JoinedSides:
+    def _made(self, document: Document, progress: Progress, check: Callable[[], None]) -> JoinedSides:
         this = self.integration
         if not this.algorithm.joins_sides:
             raise FlatclothError(f"the method {this.method} integrates one.")
@@ -436,12 +429,12 @@ class GarmentService:
             this.recording, read=read, rotation_axis=this.axis, held_point_m=this.views.held_point_m
         )
         other = Integration(recording, this.config, this.method)
-        other.algorithm.is_unattended = True
         if (cameras := self._confirmed(document)) is not None:
             other.algorithm.take_confirmed(cameras)
-        if this.views.keeps_frames:
-            other.views.keep_frames()
-        session = MemorySession(SessionState(len(other.recording), document=_all_views(other, progress)))
+        session = MemorySession(SessionState(len(recording)))
+        Run(other, session).finish(
+            lambda share, text: progress(share, f"other side: {text}"), keeps_frames=this.views.keeps_frames
+        )
         if self._doubts_other_links:
             place_sure_pieces(GarmentService(other), session)
         found = session.state.document
@@ -547,17 +540,6 @@ def one_side(side: Integration, document: Document) -> OneSide:
         canonical=canonical,
         ends=evidence_of_shape(canonical, seen_from(side, document)),
     )
-
-
-def _all_views(other: Integration, progress: Progress) -> Document:
-    """Return the decisions that integrate all views of a side that can be added to its shape."""
-    start = other.answer(Document(), Request(0, "start"), progress)
-    assert isinstance(start, Started)
-    begun = Document(start_view=start.view_index)
-    rest = [view for view in range(len(other.recording)) if view != start.view_index]
-    why = other.why_left_out(begun, rest, lambda share, text: progress(share, f"other side: {text}"))
-    taken = accept_all(begun, [view for view in rest if view not in why], {})
-    return replace(taken, finished="All views were looked at.")
 
 
 def _or_empty(mask: Bool | None, frame: RgbdFrame) -> Bool:

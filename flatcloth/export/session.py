@@ -37,7 +37,6 @@ from flatcloth.methods.answers import Canonical, ColumnCurves, JoinedSides
 from flatcloth.methods.paper.planning import column_curves
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
-from flatcloth.registration.axis import THREADS
 from flatcloth.session.document import Document
 from flatcloth.session.header import HEADER
 from flatcloth.session.journal import Pick, SheetSide
@@ -218,7 +217,7 @@ class OpenedSession:
 
     def _joined(self, document: Document) -> JoinedSides | str:
         assert self.both is not None
-        return self.both.joined(document, self.progress, THREADS)
+        return self.both.joined(document, self.progress)
 
     @property
     def other_view(self) -> FlattenedView | None:

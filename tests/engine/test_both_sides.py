@@ -57,13 +57,13 @@ def test_the_other_side_lies_where_the_pattern_has_it(shape, place: str):
 
 
 def test_every_view_of_the_other_side_is_used_where_its_cloth_hangs(shape):
-    ((_, (other, its)),) = shape.data.both.__self__._others.items()
+    _, other, its = shape.data.garments.other(shape.data.document)
     assert len(its.used_views) > 0.9 * len(other.recording)
     assert not its.placed_components  # none was searched
 
 
 def test_where_the_cameras_stood_is_known_without_flattening_views_again(shape, monkeypatch):
-    ((_, (other, its)),) = shape.data.both.__self__._others.items()
+    _, other, its = shape.data.garments.other(shape.data.document)
     monkeypatch.setattr(other.views, "flattening", lambda _: pytest.fail("a view is flattened again"))
     poses, own = (each.poses(done) for each, done in ((other.algorithm, its), _own(shape)))
     assert poses.keys() == its.used_views
