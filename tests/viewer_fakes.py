@@ -129,8 +129,8 @@ class CylinderIntegration:
         self.reached = 0
         self._canonicals: dict[Any, Canonical] = {}
         self._overlays: dict[Any, FlattenedView] = {}
+        self.is_unattended = False
         self.algorithm = SimpleNamespace(
-            is_unattended=False,
             cameras=_no_cameras,
             poses=_no_cameras,
             joined_piece=lambda _document: None,

@@ -230,7 +230,7 @@ class GarmentService:
             sides = None if other is None else other[0]
             shape = self._shape
             if shape is None or not shape.is_of(canonical) or shape.sides is not sides:
-                if integration.algorithm.is_unattended and integration.wrong(document):
+                if integration.is_unattended and integration.wrong(document):
                     # No garment fits what was laid out, and to try them all takes long.
                     raise GarmentError(f"{WRONG}. No garment is recognised.")
                 shape = self._shape = self._recognised(canonical, document)

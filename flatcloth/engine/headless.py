@@ -110,7 +110,7 @@ class Run:
         FlatclothError
             If no start view can be flattened.
         """
-        self.integration.algorithm.is_unattended = not self.is_limited
+        self.integration.is_unattended = not self.is_limited
         self.integration.algorithm.is_limited = self.is_limited
         if keeps_frames:
             self.integration.views.keep_frames()

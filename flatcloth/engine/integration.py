@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flatcloth.checking import result
+from flatcloth.checking.check import known_check
 from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import (
@@ -34,7 +36,6 @@ from flatcloth.engine.placing import (
     laid_beside,
     plan_put_off,
     refine_and_score,
-    why_hopeless,
 )
 from flatcloth.engine.trust import Trust
 from flatcloth.engine.views import RecordedViews, Segmenter
@@ -117,6 +118,9 @@ class Integration:
         If the method is unknown.
     """
 
+    is_unattended = False
+    """Set by a run without an operator: it ends where further views cannot help."""
+
     def __init__(
         self,
         recording: Recording,
@@ -157,7 +161,7 @@ class Integration:
         self._decided: Cache[_ByGarment] = Cache(2)
         before = self.algorithm
         self.algorithm = self._kind(self.views, self.views.angles_deg)
-        self.algorithm.is_unattended, self.algorithm.is_limited = before.is_unattended, before.is_limited
+        self.algorithm.is_limited = before.is_limited
 
     # ---------------------------------------------------------------- the shape
 
@@ -332,9 +336,9 @@ class Integration:
         """Propose the planned view; a view that cannot be flattened or aligned is left out."""
         tried: list[str] = []
         passed = set(document.rejected)
-        hopeless = why_hopeless(self.recording, self.algorithm, document)
-        if hopeless:
-            return NothingMore(token, hopeless)
+        cameras = self.algorithm.cameras(document) if self.is_unattended else None
+        if self.is_unattended and result.is_hopeless(known_check(self.recording), cameras):
+            return NothingMore(token, f"{result.WRONG}: no further view is added.")
         while True:
             progress(0.05, "choosing the rotation")
             refused = tuple(sorted(passed, key=lambda r: r.view_index))

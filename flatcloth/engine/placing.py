@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flatcloth.checking import result
-from flatcloth.checking.check import known_check
 from flatcloth.core.errors import AlignmentError, FlatteningError, SurfaceError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Float64, Progress, Rigid2
@@ -26,7 +24,6 @@ from flatcloth.methods.answers import (
     Plan,
 )
 from flatcloth.methods.base import Method
-from flatcloth.recordings.base import Recording
 from flatcloth.session.document import NO_COMPONENT, Document, Side
 from flatcloth.session.machine import Followed
 
@@ -116,13 +113,6 @@ def _extent_m(view: FlattenedView) -> tuple[float, float, float, float]:
     uv = view.uv_from_rc(np.argwhere(view.valid))
     (left, top), (right, bottom) = uv.min(axis=0).tolist(), uv.max(axis=0).tolist()
     return left, top, right, bottom
-
-
-def why_hopeless(recording: Recording, method: Method, document: Document) -> str:
-    """Return why an unattended run ends because further views cannot help; empty if they may."""
-    if not method.is_unattended or not result.is_hopeless(known_check(recording), method.cameras(document)):
-        return ""
-    return f"{result.WRONG}: no further view is added."
 
 
 # --- repair ---------------------------------------------------------------------------------------

@@ -47,8 +47,8 @@ from flatcloth.methods.starting import components_by_area
 from flatcloth.recordings.base import altered, images_of
 from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.result import Segmentation
-from flatcloth.session.document import Accepted, Document, Pending, Side
-from flatcloth.session.machine import Proposed, Request, Started
+from flatcloth.session.document import Document, Side
+from flatcloth.session.machine import Accept, Propose, Proposed, Request, SessionState, Started, apply
 
 INTERVALS_PX = (4, 40)
 """Range of d in the page. Chosen: from every fourth pixel to a tenth of a garment."""
@@ -294,26 +294,25 @@ class Teaching:
 def _align(
     paper: Integration, document: Document, planned: int | None, progress: Progress
 ) -> AlignmentLesson:
-    event = paper.answer(document, Request(0, "propose"), progress)
+    asked = apply(SessionState(len(paper.recording), document), Propose())
+    assert asked.request is not None
+    event = paper.answer(document, asked.request, progress)
     if planned is None or not isinstance(event, Proposed):
         raise AlignmentError(getattr(event, "reason", "There is no view to add."))
-    assert document.start_view is not None
-    pending = Pending(event.view_index, event.current_from_new, event.side, component=event.component)
-    proposal = paper.proposal(replace(document, pending=pending))
+    answered = apply(asked, event)
+    proposal = paper.proposal(answered.document)
     progress(0.9, "following the search")
     current, new = paper.canonical(document).view, paper.views.part(event.view_index, event.component)
     watched = WatchedMatcher(current, new, paper.axis)
     watched.search(proposal.alignment.initial)
     progress(0.98, "renewing the flattened view")
     also = tuple(p for p in event.also if p.view_index == event.view_index)
-    accepted = Accepted(
-        event.view_index, event.current_from_new, side=event.side, component=event.component, also=also
-    )
+    (accepted,) = apply(answered, Accept(event.view_index)).document.accepted
     others = [
         (paper.views.part(p.view_index, p.component), p.current_from_new.inverse() @ event.current_from_new)
         for p in also
     ]
-    renewed = paper.canonical(replace(document, accepted=(accepted,)))
+    renewed = paper.canonical(replace(document, accepted=(replace(accepted, also=also),)))
     return AlignmentLesson(
         planned_view=planned,
         proposal=proposal,

@@ -98,8 +98,6 @@ class Method(Protocol):
     angles_deg: Sequence[float]
     joins_sides: ClassVar[bool] = False
     """Whether it joins the other side of an item to the shape: :meth:`with_other_side`."""
-    is_unattended: bool = False
-    """Set by a run without an operator: it ends where further views cannot help."""
     takes_all: ClassVar[bool] = False
     """Whether a shape is that of a set of views, so that a run takes all at once: :meth:`contradicting`."""
     is_limited: bool = False
