@@ -355,7 +355,8 @@ class Integration:
             return self._proposed(document, token, proposal)
 
     def _by_hand(self, document: Document, token: int, view_index: int, progress: Progress) -> Event:
-        side = self.algorithm.side_of(document, view_index)
+        angles_deg = self.recording.angles_deg
+        side = side_of(document, angles_deg, view_index) if self.algorithm.has_sides else None
         try:
             proposal = self._propose(document, view_index, side, None, progress)
         except AlignmentError as error:

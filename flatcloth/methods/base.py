@@ -14,7 +14,7 @@ import numpy as np
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import Rigid3, wrapped_deg
+from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import (
     Bool,
     FlattenedView,
@@ -98,6 +98,8 @@ class Method(Protocol):
     angles_deg: Sequence[float]
     joins_sides: ClassVar[bool] = False
     """Whether it joins the other side of an item to the shape: :meth:`with_other_side`."""
+    has_sides: ClassVar[bool] = False
+    """Whether a view extends the shape on one of two sides."""
     takes_all: ClassVar[bool] = False
     """Whether a shape is that of a set of views, so that a run takes all at once: :meth:`contradicting`."""
     is_limited: bool = False
@@ -284,18 +286,3 @@ class Method(Protocol):
     def poses(self, document: Document) -> dict[int, Rigid3]:
         """Return ``object_from_camera`` of each accepted view; empty if the method registers none."""
         return {}
-
-    def side_of(self, document: Document, view_index: int) -> Side | None:
-        """Return the side that a view chosen by the operator extends; None if the method has no sides."""
-        return None
-
-    def continued(self, document: Document, view_index: int, side: Side | None) -> tuple[Side, int]:
-        """Return the side that a view extends, and the accepted view that it continues there.
-
-        By default this is the accepted view with the smallest rotation to it.
-        """
-        used = [v for v in (document.start_view, *(a.view_index for a in document.accepted)) if v is not None]
-        angles = np.asarray(self.angles_deg)
-        turns = wrapped_deg(angles[view_index] - angles[used])
-        nearest = int(np.argmin(np.abs(turns)))
-        return (Side.LEFT if turns[nearest] >= 0 else Side.RIGHT), used[nearest]

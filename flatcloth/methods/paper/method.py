@@ -24,7 +24,7 @@ from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import Renewed, begin, lay_over, renew
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.paper.planning import choose, column_curves, plan_side
-from flatcloth.methods.starting import fronts, overlap_area_m2, side_of, start_by_component
+from flatcloth.methods.starting import fronts, overlap_area_m2, start_by_component
 from flatcloth.session.document import Accepted, Document, Later, PlacedPart, Side
 
 
@@ -32,6 +32,7 @@ class PaperMethod(Departures):
     """The paper's section 4; see :class:`flatcloth.methods.base.Method`."""
 
     name = "paper"
+    has_sides = True
 
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
         super().__init__(views, angles_deg)
@@ -186,15 +187,6 @@ class PaperMethod(Departures):
         return current_from_view[document.start_view] @ motion
 
     # ------------------------------------------------- what the rest of the program asks
-
-    def side_of(self, document: Document, view_index: int) -> Side | None:
-        """Return the side that a view chosen by the operator extends."""
-        return side_of(document, self.angles_deg, view_index)
-
-    def continued(self, document: Document, view_index: int, side: Side | None) -> tuple[Side, int]:
-        """Return the side and its outermost accepted view."""
-        side = side or side_of(document, self.angles_deg, view_index)
-        return side, fronts(document, self.angles_deg)[side][0]
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of each accepted view at its placement."""
