@@ -218,8 +218,7 @@ class Integration:
         return self._by_garment(document).cloth if document.garment.parts else self._cloth(document)
 
     def _cloth(self, document: Document) -> Cloth | None:
-        edges = self.algorithm.surface_edges(document)
-        return edges if isinstance(edges, Cloth) else None
+        return next(iter(self.algorithm.cloth_of_pieces(document)), None)
 
     def taken_off(self, document: Document) -> Bool | None:
         """Return which samples (N,) were removed from the shape; None if none were."""

@@ -27,7 +27,7 @@ from flatcloth.core.types import (
     Uint8,
     no_progress,
 )
-from flatcloth.flattening.cloth import Cloth, SurfaceEdges
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.methods.answers import (
     AlignmentScore,
     Canonical,
@@ -206,17 +206,13 @@ class Method(Protocol):
     def carried(self, document: Document, later: Later) -> Rigid2:
         """Return the placement of a later decision on the present plane if it moves with the shape."""
 
-    @abstractmethod
-    def surface_edges(self, document: Document) -> SurfaceEdges:
-        """Return the edges of Eq. (2) of the shape."""
-
     def cloth_of_pieces(self, document: Document) -> list[Cloth]:
         """Return how each piece is connected, the shape first; none if the edges have no evidence."""
         return []
 
     def as_decided(self, document: Document, parts: DecidedParts) -> tuple[Canonical, Cloth]:
-        """Return the canonical view and its edges after decisions about parts; only for ``Cloth`` edges."""
-        raise AssertionError("a method without Cloth edges has no parts to decide about")
+        """Return the canonical view and its edges after decisions about parts."""
+        raise AssertionError("a method without cloth has no parts to decide about")
 
     def why_unusable(self, view_index: int) -> str:
         """Return why a view shows too little cloth to be part of a shape; empty if it shows enough."""

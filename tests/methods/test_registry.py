@@ -13,13 +13,11 @@ from flatcloth.cli import main
 from flatcloth.core.errors import ConfigError
 from flatcloth.core.types import Progress, Rigid2, no_progress
 from flatcloth.export.data import read_shape
-from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.flattening.resampling import place
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method, Views
-from flatcloth.methods.edges import edges_of_parts
 from flatcloth.methods.registry import METHODS, load_method, method_name, method_names
-from flatcloth.session.document import Document, Later, PlacedPart, Side
+from flatcloth.session.document import Document, Later, Side
 
 MOST_VIEWS = 3
 
@@ -66,11 +64,6 @@ class SideBySide(Method):
 
     def carried(self, document: Document, later: Later) -> Rigid2:
         return later.decision.current_from_new
-
-    def surface_edges(self, document: Document) -> SurfaceEdges:
-        assert document.start_view is not None
-        part = PlacedPart(document.start_view, 0, Rigid2())
-        return edges_of_parts(self._views, self.angles_deg, [part])
 
 
 @pytest.fixture

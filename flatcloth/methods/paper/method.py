@@ -14,10 +14,8 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
-from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.methods.answers import Alignment, AlignmentScore, Placement, Plan
 from flatcloth.methods.base import Focus, Views
-from flatcloth.methods.edges import edges_of_parts
 from flatcloth.methods.paper.alignment import align_from, correspond, from_lines
 from flatcloth.methods.paper.departures import Departures
 from flatcloth.methods.paper.matching import Matcher
@@ -187,7 +185,3 @@ class PaperMethod(Departures):
         return current_from_view[document.start_view] @ motion
 
     # ------------------------------------------------- what the rest of the program asks
-
-    def surface_edges(self, document: Document) -> SurfaceEdges:
-        """Return the edges of each accepted view at its placement."""
-        return edges_of_parts(self._views, self.angles_deg, self.canonical(document).layers)

@@ -397,12 +397,8 @@ class RobustMethod(Method):
         carried = states_on_surface(observation, surface, state, self._config.flattening)
         return states_of_view(frame, item, surface, carried)
 
-    def surface_edges(self, document: Document) -> Cloth:
-        """Return the edges of the shape, each once per view that saw it."""
-        return _edges_of(self.shapes.of(document))
-
     def cloth_of_pieces(self, document: Document) -> list[Cloth]:
-        """Return the edges of each piece, the shape first."""
+        """Return the edges of each piece, the shape first, each once per view that saw it."""
         shape = self.shapes.of(document)
         return [_edges_of(shape, piece) for piece in np.unique(shape.piece[shape.piece >= 0]).tolist()]
 
