@@ -187,7 +187,7 @@ class CylinderIntegration:
         return AlignmentScore(
             total=max(0.0, self.scores - 0.01 * off_mm),
             parts={"height_rms_mm": off_mm, "overlap_cm2": 42.0},
-            apart_part="height_rms_mm",
+            apart_mm=off_mm,
         )
 
     def refined_score(self, document: Document) -> RefinedScore:
