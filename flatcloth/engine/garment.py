@@ -362,6 +362,13 @@ class GarmentService:
         found = self.joined_before(document)
         return found if found is not None and found[0].is_related else None
 
+    def sides(self, document: Document) -> JoinedSides | None:
+        """Return what :meth:`other` does of the sides, which are joined first if the service ``joins`` them."""
+        if self.joins:
+            self.joined(document)
+        other = self.other(document)
+        return None if other is None else other[0]
+
     def joined_before(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
         """Return the sides as :meth:`other` does, also if nothing relates them."""
         if (sides := self._joined.kept(self._key(_as_seen(document)))) is None:
@@ -605,10 +612,8 @@ def _decide_joints(service: GarmentService, session: Keeper) -> None:
     """
     for _ in range(_MOST_ROUNDS):
         document = session.state.document
-        if service.joins:
-            service.joined(document)
-        other = service.other(document)
-        joints = () if other is None else other[0].joints
+        sides = service.sides(document)
+        joints = () if sides is None else sides.joints
         pieces = service.integration.algorithm.cloth_of_pieces(document)
         for joint in joints:
             shared = [np.count_nonzero(cloth.placed & joint.part) for cloth in pieces]
