@@ -363,7 +363,7 @@ class GarmentService:
         return found if found is not None and found[0].is_related else None
 
     def sides(self, document: Document) -> JoinedSides | None:
-        """Return what :meth:`other` does of the sides, which are joined first if the service ``joins`` them."""
+        """Return the sides as :meth:`other` does; they are joined first if the service ``joins`` them."""
         if self.joins:
             self.joined(document)
         other = self.other(document)
