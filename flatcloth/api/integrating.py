@@ -67,7 +67,7 @@ def flatten(
     view_index : int
         The view.
     method : str, optional
-        ``robust`` (default) or ``paper``; they have other defaults.
+        ``robust`` (default) or ``paper``.
     config : Config, optional
         The settings; by default those of the method.
     progress : callable, optional

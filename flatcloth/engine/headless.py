@@ -9,6 +9,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.integration import Integration
+from flatcloth.methods.starting import fronts
 from flatcloth.session.document import UNSURE, Document
 from flatcloth.session.machine import (
     Accept,
@@ -244,4 +245,5 @@ def _share_done(integration: Integration, state: SessionState) -> float:
     """Share of the turn that is covered, as the final number of views is unknown."""
     if state.document.start_view is None:
         return 0.0
-    return min(1.0, sum(turn for _, turn in integration.fronts(state.document).values()) / 360.0)
+    outermost = fronts(state.document, integration.recording.angles_deg).values()
+    return min(1.0, sum(turn for _, turn in outermost) / 360.0)

@@ -45,7 +45,7 @@ from flatcloth.garments.deciding import decided_parts, with_doubts
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method
 from flatcloth.methods.registry import load_method, method_name
-from flatcloth.methods.starting import fronts, overlap_area_m2, side_of
+from flatcloth.methods.starting import overlap_area_m2, side_of
 from flatcloth.recordings.base import Recording
 from flatcloth.session.document import Document, Pending, PlacedPart, Rejected, Side, accept_all
 from flatcloth.session.machine import Event, NothingMore, Proposed, Request, Started
@@ -132,7 +132,7 @@ class Integration:
         self.method = method_name(method)
         self._kind: type[Method] = load_method(self.method)
         self.views = views or RecordedViews(
-            recording, config or self._kind.default_config(), segmenter, is_default=config is None
+            recording, config or Config(), segmenter, is_default=config is None
         )
         self.notes, self.trust = self.views.notes, Trust(recording)
         self.algorithm: Method = self._kind(self.views, self.views.angles_deg)
@@ -247,10 +247,6 @@ class Integration:
             return _ByGarment(made, cloth, np.any(parts.taken_off, axis=0) if parts.taken_off else None)
 
         return self._decided.get((*_shape_of(document), document.garment.parts), make)
-
-    def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
-        """Return the outermost accepted view on each side and its rotation from the start view (deg)."""
-        return fronts(document, self.recording.angles_deg)
 
     def plan(self, document: Document) -> Plan:
         """Choose the next view."""

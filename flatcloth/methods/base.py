@@ -108,11 +108,6 @@ class Method(Protocol):
     @abstractmethod
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None: ...
 
-    @classmethod
-    def default_config(cls) -> Config:
-        """Return the method's default configuration."""
-        return Config()
-
     @property
     @abstractmethod
     def accept_score(self) -> float:
