@@ -124,7 +124,7 @@ def test_what_seams_join_to_a_floating_piece_is_evidence_of_its_place(
         assert {id(each) for each in rest} == {id(views[0]), id(views[1])}
         return other
 
-    monkeypatch.setattr("flatcloth.engine.garment.recognition.evidence_of", evidence)
+    monkeypatch.setattr("flatcloth.engine.garment.evidence_of", evidence)
     seam = Seam(
         this_piece=2, other_piece=2, this_uv_m=outline, other_uv_m=its_uv_m, xyz_m=np.zeros((4, 3)),
         views=np.zeros((4, 2), dtype=np.int16), residual_m=np.zeros(4), why=why,
