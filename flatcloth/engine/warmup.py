@@ -20,7 +20,7 @@ import numpy as np
 
 from flatcloth.core.types import Intrinsics, Progress, RotationAxis, no_progress
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.kernels.table import compile_share, kernels
+from flatcloth.engine.kernels import compile_share, kernels
 from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.session.document import Document
 from flatcloth.session.machine import Accept, Propose, SessionState, Start, apply
