@@ -198,13 +198,13 @@ def trimmed_fit(points: Float64, target: Float64) -> Float64:
     return trimmed_motion(points, target).apply(points)
 
 
-def trimmed_motion(points: Float64, target: Float64, rounds: int = 20) -> Rigid2:
+def trimmed_motion(points: Float64, target: Float64) -> Rigid2:
     """Return the motion (no mirror, no scale) of points (N, 2) onto the target by which 90 % fit best.
 
     Each round fits the pixels that were nearest after the previous one, until these no longer change.
     """
     kept, motion = np.ones(len(points), dtype=bool), Rigid2()
-    for _ in range(rounds):
+    for _ in range(20):
         motion = fit_rigid2(points[kept], target[kept])
         distance = np.linalg.norm(motion.apply(points) - target, axis=1)
         nearest = distance <= np.quantile(distance, 1.0 - TRIM_SHARE)

@@ -176,10 +176,10 @@ class Run:
         rejected = {r.view_index: r.reason for r in self.state.document.rejected}
         return rejected.get(view_index, why)
 
-    def begin_again(self, progress: Progress = no_progress) -> SessionState:
+    def begin_again(self) -> SessionState:
         """Integrate all views again, with the best start view."""
-        self._ask(Restart(), progress)
-        return self.finish(progress)
+        self._ask(Restart(), no_progress)
+        return self.finish()
 
     def _start_anew(self, progress: Progress) -> None:
         best = better_start(self.integration, self.state.document, progress)
