@@ -16,7 +16,7 @@ from benchmarks.unattended import unattended
 from flatcloth.core.types import finite
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.integration import Integration
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 
 _COLUMNS = {
     "views": "views",

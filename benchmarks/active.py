@@ -36,7 +36,7 @@ from flatcloth.active.loop import ActiveLoop
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import finite
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import KnownGarment
 from flatcloth.export.garment import garment_points, other_points
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.writer import DEPTH_SCALE_M, RecordingWriter, depth_units

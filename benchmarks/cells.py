@@ -13,7 +13,7 @@ from benchmarks.inputs import Remembered
 from benchmarks.output import say
 from flatcloth.active.incoming import SeenView
 from flatcloth.core.geometry import back_project, camera_from_object, fit_rigid2, object_from_camera
-from flatcloth.engine.garment.truth import read_true_points
+from flatcloth.engine.evaluation import read_true_points
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.recordings.writer import DEPTH_SCALE_M, depth_units

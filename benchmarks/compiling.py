@@ -1,4 +1,4 @@
-"""Which kernels a typical integration needs: writes flatcloth/engine/kernels/table.json.
+"""Which kernels a typical integration needs: writes flatcloth/engine/kernels.json.
 
 With an empty cache of numba: the first pictures of the bundled recordings, the warm-up, a recording
 unattended, a proposal, and its sides found without its masks, with a stroke.
@@ -25,7 +25,7 @@ from flatcloth.cli import main
 from flatcloth.core.resources import sample_recordings
 from flatcloth.core.strokes import ImageStroke
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.kernels.table import TABLE, kernels
+from flatcloth.engine.kernels import TABLE, kernels
 from flatcloth.engine.warmup import warm_up
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Command, Propose, SessionState, Start, apply

@@ -34,7 +34,7 @@ from flatcloth.recordings.truth import Truth
 
 if TYPE_CHECKING:
     from flatcloth.core.types import FlattenedView
-    from flatcloth.engine.garment.recognition import GarmentService
+    from flatcloth.engine.garment import GarmentService
     from flatcloth.methods.answers import JoinedSides
     from flatcloth.session.document import Document
 
@@ -154,8 +154,8 @@ class Read:
         recording: Any = self.recording
         if package == "segmentation":
             recording = segmentation.after_one_stroke(recording, self.truth)
-        service, both, document = unattended.integrated_sides(recording)
-        this, joined = sides.written(service, both, document)
+        service, document = unattended.integrated_sides(recording)
+        this, joined = sides.written(service, document)
         figures = sides.figures_of(this, joined, self.truth, self.recording)
         figures |= garment_figures(service, document, self.truth, joined)
         arrays = _arrays_of(this)
@@ -207,7 +207,7 @@ def garment_figures(
 
     Nothing is returned for a recording without true points.
     """
-    from flatcloth.engine.garment.truth import compare_garment, read_true_points
+    from flatcloth.engine.evaluation import compare_garment, read_true_points
 
     known = service.of(document)
     points = read_true_points(Path(service.integration.recording.location))

@@ -21,9 +21,15 @@ from benchmarks.output import Options, save, save_page, say
 from benchmarks.unattended import both_sides
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView
-from flatcloth.engine.evaluation import look_up, trimmed_fit
-from flatcloth.engine.garment.recognition import evidence_of_shape, seen_from
-from flatcloth.engine.garment.truth import GarmentEvaluation, compare_garment, read_true_points, summary
+from flatcloth.engine.evaluation import (
+    GarmentEvaluation,
+    compare_garment,
+    garment_summary,
+    look_up,
+    read_true_points,
+    trimmed_fit,
+)
+from flatcloth.engine.garment import evidence_of_shape, seen_from
 from flatcloth.engine.integration import Integration
 from flatcloth.garments import recognition
 from flatcloth.garments.deciding import pixels_of_part
@@ -49,7 +55,7 @@ def run(options: Options) -> None:
     for name, (kind, none) in unknown.items():
         say(f"{name}: {kind}, none of these {none:.2f}")
     evaluations = [row[1] for row in rows]
-    figures = summary(evaluations)
+    figures = garment_summary(evaluations)
     for name, value in figures.items():
         say(f"{name} {value:.3g}")
     if options.quick:
@@ -62,8 +68,8 @@ def run(options: Options) -> None:
 
 def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[str, Any]]:
     """Return a recording's name, its comparison, the seconds of the steps and what is learned from it."""
-    service, both, document, truth = both_sides(source)
-    integration, sides = service.integration, both.of(document)
+    service, document, truth = both_sides(source)
+    integration, sides = service.integration, service.joined(document)
     canonical = integration.canonical(document)
     points = read_true_points(Path(integration.recording.location))
     assert points is not None, f"{source}: no truth/points.json"

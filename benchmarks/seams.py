@@ -21,9 +21,8 @@ from benchmarks.inputs import measure_each
 from benchmarks.output import Options, Row, recordings_of, save_page
 from benchmarks.unattended import unattended
 from flatcloth.core.types import MIRROR, FlattenedView, Float64
-from flatcloth.engine.both_sides import BothSides, one_side
-from flatcloth.engine.evaluation import Truth, look_up
-from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
+from flatcloth.engine.evaluation import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth, Truth, look_up
+from flatcloth.engine.garment import GarmentService, one_side
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
 from flatcloth.methods.robust.seams.configuration import Configuration, configured
@@ -41,7 +40,7 @@ def run(options: Options) -> None:
 def rows_of(source: str) -> list[Row]:
     """Return the sets and the contradictions of one recording."""
     integration, document, truth = unattended(source)
-    other, its = BothSides(integration).integrated(document)
+    other, its = GarmentService(integration).integrated(document)
     assert isinstance(integration.algorithm, RobustMethod)
     assert isinstance(other.algorithm, RobustMethod)
     shapes = integration.algorithm.shapes.of(document), other.algorithm.shapes.of(its)

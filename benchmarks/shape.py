@@ -73,8 +73,8 @@ def run(options: Options) -> None:
 
 def rows_of(source: str, earlier: dict[str, Row]) -> list[Row]:
     """Return the figures of one recording."""
-    service, both, document, truth = both_sides(source)
-    this, joined = sides.written(service, both, document)
+    service, document, truth = both_sides(source)
+    this, joined = sides.written(service, document)
     integration = service.integration
     name, figures = integration.recording.name, sides.figures_of(this, joined, truth, integration.recording)
     figures |= {k: v for k, v in accuracy.figures_of(integration, document, truth).items() if k in _COLUMNS}
@@ -82,7 +82,7 @@ def rows_of(source: str, earlier: dict[str, Row]) -> list[Row]:
         for key in ("median", "p95"):
             figures[f"{key}_ratio"] = figures[f"absolute_{key}_mm"] / earlier[name][f"absolute_{key}_mm"]
     recording = integration.recording
-    del service, both, integration, this, joined
+    del service, integration, this, joined
     gc.collect()  # an integration and its caches refer to one another
     figures |= same_and_fast(recording, document)
     row: Row = {"recording": name}

@@ -20,16 +20,14 @@ from benchmarks.markdown import of_recordings
 from benchmarks.output import Options, Row
 from benchmarks.unattended import both_sides, unattended
 from flatcloth.core.types import FlattenedView
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.evaluation import CELL_M, Truth, compare, of_interest
-from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
+from flatcloth.engine.evaluation import CELL_M, OtherTruth, Truth, compare, compare_sides, of_interest
+from flatcloth.engine.garment import GarmentService
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.session import SessionData
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 
 RIGHT_M = 0.010
 """A depth is right if it is as near to that without noise. Chosen: half of what makes a pixel wrong."""
@@ -67,8 +65,8 @@ def rows_of(source: str) -> list[Row]:
     began_s = time.process_time()
     unattended(source)
     between_s = time.process_time()
-    service, both, document, truth = both_sides(source)
-    this, sides = written(service, both, document)
+    service, document, truth = both_sides(source)
+    this, sides = written(service, document)
     ended_s = time.process_time()
     integration, one_s = service.integration, between_s - began_s
     figures = figures_of(this, sides, truth, integration.recording)
@@ -101,12 +99,10 @@ def measured_shares(recording: Recording, truth: Truth) -> dict[str, float]:
     return shares
 
 
-def written(
-    service: GarmentService, both: BothSides, document: Document
-) -> tuple[FlattenedView, JoinedSides | str]:
+def written(service: GarmentService, document: Document) -> tuple[FlattenedView, JoinedSides | str]:
     """Return both sides as ``run`` writes them, with the deviations that the garment of both gives them."""
     frames = GraspFrames(axis=service.integration.axis, rotation_deg=0.0)
-    data = SessionData(service.integration, document, (), frames, garments=service, both=both.of)
+    data = SessionData(service.integration, document, (), frames, garments=service, both=service.joined)
     this, sides = data.canonical.view, data.sides
     assert sides is not None
     return this, sides

@@ -10,16 +10,15 @@ from scipy.optimize import minimize
 from benchmarks.inputs import Remembered
 from flatcloth.core.config import Config
 from flatcloth.core.types import Bool, Float64
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.deciding import place_sure_pieces
-from flatcloth.engine.garment.recognition import GarmentService
+from flatcloth.engine.garment import GarmentService, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.segmentation.observed import gather_evidence
 from flatcloth.segmentation.solver import SideSolver
-from flatcloth.session.machine import Document, MemorySession, SessionState
+from flatcloth.session.document import Document
+from flatcloth.session.machine import MemorySession, SessionState
 
 
 def unattended(source: str) -> tuple[Integration, Document, Remembered]:
@@ -35,20 +34,19 @@ def integrated(recording: Any, method: str | None = None) -> tuple[Integration, 
     return integration, _placed(service, Run(integration, MemorySession(SessionState(len(recording)))))
 
 
-def both_sides(source: str) -> tuple[GarmentService, BothSides, Document, Remembered]:
+def both_sides(source: str) -> tuple[GarmentService, Document, Remembered]:
     """Integrate both sides of a recording by ``robust`` without an operator; return also its truth."""
     recording = Remembered(open_recording(source))
     return *integrated_sides(recording), Remembered(Truth(recording.location))
 
 
-def integrated_sides(recording: Any) -> tuple[GarmentService, BothSides, Document]:
+def integrated_sides(recording: Any) -> tuple[GarmentService, Document]:
     """Integrate both sides of an open recording by ``robust`` without an operator."""
     integration = Integration(recording)
-    both = BothSides(integration)
-    service = GarmentService(integration, both)
+    service = GarmentService(integration, joins=True)
     run = Run(integration, MemorySession(SessionState(len(recording))))
-    both.of(run.finish().document)
-    return service, both, _placed(service, run)
+    service.joined(run.finish().document)
+    return service, _placed(service, run)
 
 
 def _placed(service: GarmentService, run: Run) -> Document:

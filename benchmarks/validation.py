@@ -14,8 +14,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.inputs import Remembered, measure_each
 from benchmarks.output import Options, Row
-from flatcloth.engine.evaluation import compare
-from flatcloth.engine.results.sides_truth import OtherTruth
+from flatcloth.engine.evaluation import OtherTruth, compare
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import altered, images_of
 from flatcloth.recordings.truth import TrueView, Truth

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Uint8
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.result import at_step
+from flatcloth.engine.result import at_step
 from flatcloth.methods.paper.merging import shows
 from flatcloth.recordings import open_recording
-from flatcloth.session.machine import Document, MemorySession, SessionState
+from flatcloth.session.document import Document
+from flatcloth.session.machine import MemorySession, SessionState
 
 ROOT = Path(__file__).parents[1]
 RECORDING = ROOT / "recordings" / "shirt-corner-d435"

@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     if not given or (given[0] not in COMMANDS and given[0].partition("=")[0] not in _OWN_OPTIONS):
         given.insert(0, "view")
-    parsed, unknown = _parser().parse_known_args(given)
+    parsed, unknown = _parser(given[0]).parse_known_args(given)
     if unknown:
         parsed.parser.error(_unknown(parsed.parser, unknown))
     options = options_of(parsed.command.Options, parsed)
@@ -217,13 +217,14 @@ class _PrintCompletion(argparse.Action):
         parser.exit()
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(word: str) -> argparse.ArgumentParser:
+    """Return the parser of a command, or of all of them if the first word is none."""
     from flatcloth.commands.options import add_options
 
     # Loaded only now: a signal in the first milliseconds is not heard yet.
     modules = {
         name: importlib.import_module(f"flatcloth.commands.{'import_' if name == 'import' else name}")
-        for name in COMMANDS
+        for name in ((word,) if word in COMMANDS else COMMANDS)
     }
     parser = argparse.ArgumentParser(
         prog="flatcloth",

@@ -11,10 +11,9 @@ from viewer_fakes import CylinderRecording, cylinder_view
 
 from flatcloth.core.config import Config
 from flatcloth.core.types import Rigid2
-from flatcloth.methods.base import Method
 from flatcloth.methods.paper.merging import begin
 from flatcloth.methods.paper.method import PaperMethod
-from flatcloth.session.machine import Document, Pending
+from flatcloth.session.document import Document, Pending
 
 RECORDING = CylinderRecording()
 LIMIT_DEG = Config().planning.z_angle_limit_deg
@@ -27,20 +26,14 @@ class _Fronts(PaperMethod):
         return cast("CylinderViews", self._views).canonical(document)
 
 
-class _Neighbouring(_Fronts):
-    """A method that continues the view turned least."""
-
-    continued = Method.continued
-
-
 class CylinderViews:
     """What reasons ask of an integration; view 1 is turned by 30 deg, view 4 by 120 deg."""
 
-    def __init__(self, method="robust"):
+    def __init__(self):
         self.views = self
         self.recording, self.axis, self.config = RECORDING, RECORDING.rotation_axis, Config()
         self.planning = replace(self.config.planning, overlap_area_m2=0.03)
-        self.algorithm = (_Neighbouring if method == "robust" else _Fronts)(self, RECORDING.angles_deg)
+        self.algorithm = _Fronts(self, RECORDING.angles_deg)
         self.moved = Rigid2(0.0, 0.012, -0.004)
 
     def view(self, index):

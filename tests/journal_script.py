@@ -12,6 +12,7 @@ from tiny_recordings import MemoryRecording
 from flatcloth.core.config import Config
 from flatcloth.core.strokes import Cut
 from flatcloth.core.types import Rigid2
+from flatcloth.session.document import Side
 from flatcloth.session.garment import ClothPlaces
 from flatcloth.session.machine import (
     Accept,
@@ -25,7 +26,6 @@ from flatcloth.session.machine import (
     Reject,
     Reopen,
     SessionState,
-    Side,
     Skip,
     Start,
     Started,

@@ -17,20 +17,18 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import GarmentError, JournalError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
 from flatcloth.engine.live import LiveFrame
-from flatcloth.engine.repair import RefinedScore
+from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.answers import AlignmentScore, Canonical
+from flatcloth.session.document import Document, PlacedPart, Side
 from flatcloth.session.journal import Pick, PickDeleted, PickRenamed
 from flatcloth.session.machine import (
-    Document,
     Event,
     Followed,
     NothingMore,
-    PlacedPart,
     Proposed,
     Request,
     SessionState,
-    Side,
     Started,
     apply,
 )
@@ -131,8 +129,8 @@ class CylinderIntegration:
         self.reached = 0
         self._canonicals: dict[Any, Canonical] = {}
         self._overlays: dict[Any, FlattenedView] = {}
+        self.is_unattended = False
         self.algorithm = SimpleNamespace(
-            is_unattended=False,
             cameras=_no_cameras,
             poses=_no_cameras,
             joined_piece=lambda _document: None,
@@ -189,7 +187,7 @@ class CylinderIntegration:
         return AlignmentScore(
             total=max(0.0, self.scores - 0.01 * off_mm),
             parts={"height_rms_mm": off_mm, "overlap_cm2": 42.0},
-            apart_part="height_rms_mm",
+            apart_mm=off_mm,
         )
 
     def refined_score(self, document: Document) -> RefinedScore:

@@ -21,8 +21,7 @@ import numpy as np
 from flatcloth.active.goal import Goal, Knowledge
 from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import MIRROR, Float64
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.garments.fit import APART_M, OUTLINE_STD_M
 from flatcloth.methods.answers import Candidate, Plan
@@ -65,10 +64,10 @@ class OtherSide:
 
 
 def of_other_side(
-    both: BothSides, document: Document, known: KnownGarment | str, knowledge: Knowledge, goal: Goal
+    both: GarmentService, document: Document, known: KnownGarment | str, knowledge: Knowledge, goal: Goal
 ) -> OtherSide | None:
     """Return what views are expected to show of the other side; None if there is none."""
-    found = both.known(document)
+    found = both.joined_before(document)
     if found is None:
         return None
     sides, other, its = found

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.engine.garment.recognition import KnownGarment, points_on_other_side
+from flatcloth.engine.garment import KnownGarment, points_on_other_side
 from flatcloth.garments.fit import APART_M
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.recognition import NONE, Recognition

@@ -17,8 +17,7 @@ from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.surface import crop_to_item, foreground_mask
 from flatcloth.recordings.film.angles import apart_deg
 from flatcloth.recordings.writer import GrowingRecording
-from flatcloth.session.commands import paint
-from flatcloth.session.machine import Keeper
+from flatcloth.session.machine import Keeper, paint
 
 _SAME_M = 0.010
 """Depths that agree: sway, noise and an angle that is off by two degrees move cloth by less. Chosen."""
@@ -132,7 +131,7 @@ def stroke_on_side(views: RecordedViews) -> ImageStroke | None:
     """Return a stroke in the middle of the side of interest, as it was found in the first view with it."""
     masks = views.segment(())
     for number in range(len(views.angles_deg)):
-        mask = None if masks is None else masks.of(number, views.recorded(number).depth_m.shape)
+        mask = None if masks is None else masks.mask(number)
         if mask is not None and mask.any():
             depth_px = ndimage.distance_transform_edt(np.pad(mask, 1))
             row, col = np.unravel_index(int(depth_px.argmax()), depth_px.shape)

@@ -11,9 +11,7 @@ from dataclasses import dataclass, field
 
 from flatcloth.active.choosing import OtherSide, of_other_side
 from flatcloth.active.goal import Goal, Knowledge, knowledge_of
-from flatcloth.engine.both_sides import BothSides, known_by_both
-from flatcloth.engine.garment.deciding import known_with_pieces
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.engine.garment import GarmentService, KnownGarment, known_by_both, known_with_pieces
 from flatcloth.session.document import Document
 
 
@@ -27,7 +25,7 @@ class Learnt:
 
     known: KnownGarment | str = "No view was taken yet."
     knowledge: Knowledge = field(default_factory=Knowledge)
-    both: BothSides | None = None
+    both: GarmentService | None = None
     other: OtherSide | None = None
     views: int = 0
     before: Knowledge = field(default_factory=Knowledge)

@@ -34,9 +34,7 @@ from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.deciding import place_sure_pieces
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.engine.garment import GarmentService, KnownGarment, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.export.session import SessionData, frames_of
@@ -45,8 +43,8 @@ from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
 from flatcloth.recordings.manifest import HEADER as MANIFEST
 from flatcloth.recordings.manifest import has_views, read_manifest
 from flatcloth.recordings.writer import DEPTH_SCALE_M, GrowingRecording, RecordingWriter, depth_units
+from flatcloth.session.document import Document
 from flatcloth.session.header import HEADER, kept_config, take_growth
-from flatcloth.session.machine import Document
 from flatcloth.session.store import SessionFolder
 
 RECORDING = "recording"
@@ -189,13 +187,14 @@ class ActiveLoop:
             session, integration = self.session, self.integration
             if session is None or integration is None or self.document.start_view is None:
                 return []
-            garments = GarmentService(integration, both := self._learnt.both)
+            both = self._learnt.both
+            garments = GarmentService(integration) if both is None else both.with_doubted_links()
             self._learnt = replace(self._learnt, known=place_sure_pieces(garments, session))
             frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
             if both is None and integration.algorithm.joins_sides:  # this side alone told the garment
-                both = BothSides(integration)
-            joined = None if both is None else both.of
-            data = SessionData(integration, self.document, session.picks, frames, {}, garments, joined)
+                both = GarmentService(integration)
+            joined = None if both is None else both.joined
+            data = SessionData(integration, self.document, session.picks, frames, garments, joined)
             return data.write(self.folder)
 
     def close(self) -> None:

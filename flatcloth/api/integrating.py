@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -16,12 +15,9 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import CancelledError
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Progress, no_progress
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.deciding import place_sure_pieces
-from flatcloth.engine.garment.recognition import GarmentService
+from flatcloth.engine.garment import GarmentService, place_sure_pieces
 from flatcloth.engine.headless import Run, ViewDecision
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.outcome import earlier_scores
 from flatcloth.engine.segmenting import prepare, take_strokes
 from flatcloth.engine.sheet import sheet_of
 from flatcloth.export.session import SessionData, frames_of
@@ -30,11 +26,10 @@ from flatcloth.flattening.flatten import Flattening
 from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.registry import method_name
 from flatcloth.recordings.base import Recording, check_index
-from flatcloth.session.axis_file import settle_axis
 from flatcloth.session.header import kept_config
+from flatcloth.session.kept import keep_summary, settle_axis
 from flatcloth.session.machine import MemorySession, SessionState
 from flatcloth.session.store import SessionFolder
-from flatcloth.session.summary import keep_summary
 
 PathLike = str | os.PathLike[str]
 Sides = Literal["one", "both"]
@@ -72,7 +67,7 @@ def flatten(
     view_index : int
         The view.
     method : str, optional
-        ``robust`` (default) or ``paper``; they have other defaults.
+        ``robust`` (default) or ``paper``.
     config : Config, optional
         The settings; by default those of the method.
     progress : callable, optional
@@ -164,19 +159,19 @@ def integrate(
                 stack.callback(keeper.close)
                 settle_axis(folder, integration.views)
             take_strokes(integration.views, keeper, strokes)
-        both = BothSides(integration) if sides == "both" and integration.algorithm.joins_sides else None
-        service = GarmentService(integration, both)
+        joins = sides == "both" and integration.algorithm.joins_sides
+        service = GarmentService(integration, joins=joins)
         run = Run(integration, keeper)
         if (show := on_view) is not None:
             run.on_view = lambda decision: show(
-                decision, Shape(replace(_data(service, keeper, {}), is_growing=True))
+                decision, Shape(replace(_data(service, keeper), is_growing=True))
             )
         with timed(seconds, "integrating"):
             document = run.finish(watched, cores or len(os.sched_getaffinity(0))).document
             integration.canonical(document)
-        if both is not None:  # first, as the garment is recognised by the edges of both sides
+        if joins:  # first, as the garment is recognised by the edges of both sides
             with timed(seconds, "other side"):
-                both.of(document, watched, cores or len(os.sched_getaffinity(0)))
+                service.joined(document, watched)
         with timed(seconds, "garment"):
             watched(1.0, "recognising the garment")
             place_sure_pieces(service, keeper)
@@ -185,9 +180,7 @@ def integrate(
                 sheet, known = sheet_of(integration.canonical(document), document), service.known(document)
                 kind = "" if isinstance(known, str) else known.kind
                 keep_summary(keeper.folder, document, sheet.shape_m2, sheet.floating_m2, kind)
-        scores = dict(earlier_scores(folder)) if folder else {}
-        scores |= {d.view_index: d.score for d in run.decisions if d.accepted and math.isfinite(d.score)}
-        data = replace(_data(service, keeper, scores), both=None if both is None else both.of)
+        data = replace(_data(service, keeper), both=service.joined if joins else None)
     return Shape(data, tuple(run.decisions), seconds)
 
 
@@ -219,14 +212,12 @@ def open_session(
     return Shape(open_session_folder(Path(folder), place, progress or no_progress).data)
 
 
-def _data(
-    service: GarmentService, keeper: MemorySession | SessionFolder, scores: Mapping[int, float]
-) -> SessionData:
+def _data(service: GarmentService, keeper: MemorySession | SessionFolder) -> SessionData:
     document, integration = keeper.state.document, service.integration
     if isinstance(keeper, MemorySession):
-        return SessionData(integration, document, (), frames_of(integration, document, {}), scores, service)
+        return SessionData(integration, document, (), frames_of(integration, document, {}), service)
     frames = frames_of(integration, document, read_grips(keeper.folder))
-    return SessionData(integration, document, keeper.picks, frames, scores, service)
+    return SessionData(integration, document, keeper.picks, frames, service)
 
 
 @contextlib.contextmanager

@@ -15,9 +15,9 @@ from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, RotationAxis, Uint8
 from flatcloth.engine.headless import ViewDecision
+from flatcloth.engine.joints import Alternative, Joint, alternatives, joints_of, with_places
 from flatcloth.engine.outcome import lines_of as outcome_lines
 from flatcloth.engine.outcome import other_side_lines
-from flatcloth.engine.results.joints import Alternative, Joint, alternatives, joints_of, with_places
 from flatcloth.export.data import this_from_other
 from flatcloth.export.garment import garment_points, other_points
 from flatcloth.export.garment import lines_of as garment_lines

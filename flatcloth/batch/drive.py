@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import functools
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -25,8 +24,8 @@ from flatcloth.batch.rows import (
     write_table,
 )
 from flatcloth.batch.tasks import Task, quick_signature
+from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError, os_errors_as
-from flatcloth.methods.registry import load_method
 
 Row = dict[str, Any]
 _TABLE_EVERY_S = 60.0
@@ -71,16 +70,10 @@ def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
         if (
             row is None
             or row["outcome"] != DONE
-            or row.get("quick") != quick_signature(task, settings_of(task.method))
+            or row.get("quick") != quick_signature(task, Config().to_dict())
         ):
             waiting.append(task)
     return waiting
-
-
-@functools.cache
-def settings_of(method: str) -> dict[str, Any]:
-    """Return the settings that a result depends on."""
-    return load_method(method).default_config().to_dict()
 
 
 def run_batch(
@@ -123,7 +116,7 @@ def run_batch(
         {
             "task": task.to_dict(),
             "out": str(out.resolve()),
-            "settings": settings_of(task.method),
+            "settings": Config().to_dict(),
             "again": again,
         }
         for task in waiting

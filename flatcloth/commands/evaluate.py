@@ -115,7 +115,7 @@ def _evaluated(source: str, options: Options, progress: Progress) -> dict[str, A
 
 def _sides(shape: Shape, recording: Recording, truth: Truth) -> dict[str, Any]:
     """Return the other side and its relation to this one compared with the truth; nothing without it."""
-    from flatcloth.engine.results.sides_truth import compare_sides
+    from flatcloth.engine.evaluation import compare_sides
 
     sides = shape.data.sides
     if sides is None:
@@ -127,7 +127,7 @@ def _sides(shape: Shape, recording: Recording, truth: Truth) -> dict[str, Any]:
 
 def _garment(data: SessionData, recording: Recording, truth: Truth) -> dict[str, Any]:
     """Return the garment compared with ``truth/points.json``; nothing where there is none."""
-    from flatcloth.engine.garment.truth import compare_garment, read_true_points
+    from flatcloth.engine.evaluation import compare_garment, read_true_points
 
     points = read_true_points(Path(recording.location))
     if points is None:

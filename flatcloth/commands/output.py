@@ -41,16 +41,6 @@ def detail(text: str) -> None:
     _said.debug("%s", text)
 
 
-def logged(text: str) -> None:
-    """Put a warning that is on stderr already into the log file as well."""
-    _failed.warning("%s", text)
-
-
-def progressed(text: str) -> None:
-    """Report progress as a line on stderr; for where there is no bar."""
-    _progress.info("%s", text)
-
-
 def report(options: Output, document: Any, lines: Iterable[str]) -> None:
     """Report a result: as a document with ``--json``, else in words."""
     if options.json:
@@ -85,11 +75,6 @@ def _one_line(text: str) -> str:
 def speaks() -> bool:
     """Say whether words are wanted on stdout."""
     return any(handler.level <= logging.INFO for handler in _said.handlers)
-
-
-def is_quiet() -> bool:
-    """Say whether no progress is wanted."""
-    return any(handler.level > logging.INFO for handler in _progress.handlers)
 
 
 @contextlib.contextmanager
@@ -204,7 +189,8 @@ class ProgressBar:
         from tqdm import tqdm
 
         form = "{desc} [{bar:20}] {postfix}"
-        disable = True if is_quiet() else None  # None: unless stderr is a terminal
+        is_quiet = any(handler.level > logging.INFO for handler in _progress.handlers)
+        disable = True if is_quiet else None  # None: unless stderr is a terminal
         self._bar = tqdm(total=1.0, desc=title, bar_format=form, disable=disable, leave=False)
         self._title, self._steps, self._next, self._text = title, steps, 0.0, ""
 
@@ -222,7 +208,7 @@ class ProgressBar:
     def line(self, text: str) -> None:
         """Print a line on stderr, above the bar if there is one."""
         self._bar.write(text, file=sys.stderr)
-        logged(text)
+        _failed.warning("%s", text)
 
     def show(self, share: float, text: str) -> None:
         """Draw the bar: ``share`` 0 to 1 and the current step."""
@@ -232,4 +218,4 @@ class ProgressBar:
         if self._steps and not self.is_shown and new:
             self._text = text
             self._next = math.floor(10 * share + 1) / 10
-            progressed(f"{self._title}: {share:.0%} {text}")
+            _progress.info("%s: %.0f%% %s", self._title, 100 * share, text)

@@ -125,8 +125,8 @@ def _opened(
     from flatcloth.api.integrating import integration_of
     from flatcloth.engine.warmup import begin_ahead, compile_beside
     from flatcloth.recordings import open_recording
-    from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder, kept_config
+    from flatcloth.session.kept import settle_axis
     from flatcloth.session.store import SessionFolder
 
     header = None if chosen is None else chosen.header
@@ -177,8 +177,8 @@ def opened_camera(options: Options, serial: str) -> Opened:
     from flatcloth.cameras.feed import CameraFeed
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.live import camera_recording
-    from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder
+    from flatcloth.session.kept import settle_axis
     from flatcloth.session.store import SessionFolder
     from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
     from flatcloth.viewer.server.workspace import Opened

@@ -5,18 +5,17 @@ This takes a few hundredths of a second, plus the flattening of the view if it i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from flatcloth.core.errors import AlignmentError, FlatclothError
 from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import Rigid2
+from flatcloth.engine.integration import Integration
 from flatcloth.methods.answers import ClothPairs, Correspondence
 from flatcloth.methods.paper.alignment import correspond
-from flatcloth.session.machine import Document, Side
-
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
+from flatcloth.methods.starting import fronts
+from flatcloth.session.document import Document, Pending, Side
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +51,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
     if pending is None:
         raise FlatclothError("There is no proposal to explain. Step first.")
     angles, limit = integration.recording.angles_deg, integration.config.planning.z_angle_limit_deg
-    side, front = integration.algorithm.continued(document, pending.view_index, pending.side)
+    side, front = _continued(document, pending, angles)
     canonical = integration.canonical(document)
     front_from_current = canonical.current_from_view[front].inverse()
     turn = wrapped_deg(angles[pending.view_index] - angles[front])
@@ -73,3 +72,15 @@ def reasons(integration: Integration, document: Document) -> Reasons:
         trouble=trouble,
         current_from_new=pending.current_from_new,
     )
+
+
+def _continued(document: Document, pending: Pending, angles_deg: Sequence[float]) -> tuple[Side, int]:
+    """Return the side that a view extends, and the accepted view that it continues there.
+
+    It is the outermost one on the side of its plan, otherwise that with the smallest rotation to it.
+    """
+    if pending.side is not None:
+        return pending.side, fronts(document, angles_deg)[pending.side][0]
+    turns = {v: wrapped_deg(angles_deg[pending.view_index] - angles_deg[v]) for v in document.views_in_order}
+    nearest = min(turns, key=lambda view: abs(turns[view]))
+    return (Side.LEFT if turns[nearest] >= 0 else Side.RIGHT), nearest

@@ -1,19 +1,27 @@
-"""Comparison of a flattened result with the truth of a synthetic recording."""
+"""Comparison of results with the truth of a synthetic recording: a side, both sides, and the garment."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
+import msgspec
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
+from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.errors import EvaluationError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Floats
-from flatcloth.recordings.base import Recording
+from flatcloth.core.plain_files import read_plain
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float32, Float64, Floats, Rigid2
+from flatcloth.engine.garment import points_on_other_side
+from flatcloth.garments.recognition import NONE, Recognition, is_sure
+from flatcloth.methods.answers import JoinedSides, Seam
+from flatcloth.recordings.base import Recording, altered, images_of
 from flatcloth.recordings.truth import TrueView
 from flatcloth.shape.shape import RELIABLE_M
 
@@ -29,6 +37,15 @@ PAIR_RANGE_M = (0.020, 0.200)
 """Distances of the pixel pairs whose error is measured. Chosen: within a patch, to half a garment."""
 PAIRS = 200_000
 """Number of these pairs. Chosen: more cost time."""
+
+NEAR_SEAM_M = 0.015
+"""The truth of a place on a seam is read at most this far away. Chosen: a D435 loses up to 10 mm of a rim."""
+FAR_RELATED_M = 0.030
+"""A pixel of the other side is wrong if, in relation to this side, it is farther off than this. Chosen: the
+patterns of both sides agree to 3 to 8 mm only, since cloth stretches."""
+POINTS_FORMAT = "flatcloth-truth-points/1"
+FAR_POINT_M = 0.035
+"""Named points within this distance of their true place are counted. Chosen; not measured."""
 
 
 class Truth(Protocol):
@@ -104,14 +121,8 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
     EvaluationError
         If no pixel of the result has a true position.
     """
-    looked_up = look_up(view, truth)
-    known = np.isfinite(looked_up[:, 0])
-    if known.sum() < 3:
-        raise EvaluationError(
-            "No pixel of the result shows the side of interest; there is nothing to compare."
-        )
-    true_uv = looked_up[known].astype(np.float64)
-    fitted = trimmed_fit(view.uv_from_rc(np.argwhere(view.valid))[known], true_uv)
+    at, true_uv, known = true_places(view, truth, least=3)
+    fitted = trimmed_fit(at, true_uv)
     error_mm = 1e3 * np.linalg.norm(fitted - true_uv, axis=1)
     relative_mm = 1e3 * relative_errors_m(fitted, true_uv, np.random.default_rng(seed))
     reachable, origin = reachable_cells(recording, truth)
@@ -165,21 +176,42 @@ def _std_mm(view: FlattenedView, known: Bool) -> Float64:
     return std_mm
 
 
-def trimmed_fit(points: Float64, target: Float64, rounds: int = 20) -> Float64:
-    """Return points (N, 2) moved rigidly (no mirror, no scale) onto the target so that 90 % fit best.
+def true_places(view: FlattenedView, truth: Truth, least: int = 0) -> tuple[Float64, Float64, Bool]:
+    """Return the places (K, 2) of the pixels with a truth, their true places, and which pixels have one.
+
+    Raises
+    ------
+    EvaluationError
+        If there are fewer than the ``least``.
+    """
+    true = look_up(view, truth)
+    known = np.isfinite(true[:, 0])
+    if known.sum() < least:
+        raise EvaluationError(
+            "No pixel of the result shows the side of interest; there is nothing to compare."
+        )
+    return view.uv_from_rc(np.argwhere(view.valid))[known], true[known].astype(np.float64), known
+
+
+def trimmed_fit(points: Float64, target: Float64) -> Float64:
+    """Return points (N, 2) moved rigidly onto the target: :func:`trimmed_motion`."""
+    return trimmed_motion(points, target).apply(points)
+
+
+def trimmed_motion(points: Float64, target: Float64) -> Rigid2:
+    """Return the motion (no mirror, no scale) of points (N, 2) onto the target by which 90 % fit best.
 
     Each round fits the pixels that were nearest after the previous one, until these no longer change.
     """
-    kept = np.ones(len(points), dtype=bool)
-    moved = points
-    for _ in range(rounds):
-        moved = fit_rigid2(points[kept], target[kept]).apply(points)
-        distance = np.linalg.norm(moved - target, axis=1)
+    kept, motion = np.ones(len(points), dtype=bool), Rigid2()
+    for _ in range(20):
+        motion = fit_rigid2(points[kept], target[kept])
+        distance = np.linalg.norm(motion.apply(points) - target, axis=1)
         nearest = distance <= np.quantile(distance, 1.0 - TRIM_SHARE)
         if (nearest == kept).all():
             break
         kept = nearest
-    return moved
+    return motion
 
 
 def relative_errors_m(points: Float64, target: Float64, random: np.random.Generator) -> Float64:
@@ -268,3 +300,331 @@ def _cells(uv: Float64, origin: Float64, shape: Sequence[int]) -> Bool:
     grid = np.zeros(shape, dtype=bool)
     grid[cells[inside, 1], cells[inside, 0]] = True
     return grid
+
+
+# --- both sides -----------------------------------------------------------------------------------
+
+
+class _Read:
+    """The truth of all views, read once: it is looked up for each seam and each side."""
+
+    def __init__(self, truth: Truth, views: int) -> None:
+        self.panel_of_interest = truth.panel_of_interest
+        self._views = [truth[n] for n in range(views)]
+
+    def __getitem__(self, view_index: int) -> TrueView:
+        """Return the truth of one view."""
+        return self._views[view_index]
+
+
+class OtherTruth:
+    """The truth of the other side, on its plane as seen from its own outside.
+
+    Of a garment it is the outer face of the other panel; of one layer, a towel, it is the other face.
+    """
+
+    panel_of_interest = 1
+
+    def __init__(self, truth: Truth, views: int) -> None:
+        self._truth = truth
+        panels = np.unique(np.concatenate([np.unique(truth[n].panel) for n in range(views)]))
+        self._is_one_layer = set(panels.tolist()) <= {0, truth.panel_of_interest}
+
+    def __getitem__(self, view_index: int) -> TrueView:
+        """Return the truth of one view: ``panel`` 1 where the outer face of this side is seen, else 0."""
+        true = self._truth[view_index]
+        own = true.panel == self._truth.panel_of_interest
+        seen = own & ~true.outer_face if self._is_one_layer else ~own & (true.panel > 0) & true.outer_face
+        flat = true.flat_uv_m * np.float32(MIRROR) if self._is_one_layer else true.flat_uv_m
+        return TrueView(panel=seen.astype(np.uint8), outer_face=seen, flat_uv_m=flat)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SidesEvaluation:
+    """How right both sides are, each by itself and the other one in the frame of this one.
+
+    ``this_seen``, ``other_seen``: of the 5 mm cells of a side that any view shows, the share in its shape.
+    ``true_match_share``: of the places of all seams, joining or not, those that are one place of the pattern;
+    ``false_seams``: joining seams of which less than half are. ``related_*`` are errors, mm, of the other
+    side's pixels after the motion that fits this side's reliable pixels to the truth; NaN if no seam relates
+    them.
+    """
+
+    other: Evaluation
+    this_seen: float
+    other_seen: float
+    true_match_share: float
+    false_seams: int
+    related_median_mm: float = float("nan")
+    related_p95_mm: float = float("nan")
+    related_far_share: float = float("nan")
+    related_within_3_std_share: float = float("nan")
+
+
+def compare_sides(
+    this: FlattenedView, sides: JoinedSides, truth: Truth, recording: Recording
+) -> SidesEvaluation:
+    """Compare both sides with the truth.
+
+    Parameters
+    ----------
+    this : FlattenedView
+        The canonical view of this side.
+    sides : JoinedSides
+        The other side.
+    truth, recording
+        As for :func:`compare`.
+
+    Raises
+    ------
+    EvaluationError
+        If no pixel of a side has a true position.
+    """
+    views = len(recording)
+    truth = _Read(truth, views)
+    its_truth = _Read(OtherTruth(truth, views), views)
+    other = sides.other.view
+    seen: dict[str, Any] = {
+        "this_seen": _share_of_seen(this, truth, views),
+        "other_seen": _share_of_seen(other, its_truth, views),
+    }
+    unmasked = altered(recording, read=lambda n: images_of(recording[n])._replace(mask=None))
+    true_shares = [_true_matches(seam, this, other, truth, its_truth) for seam in sides.seams]
+    seen["true_match_share"] = (
+        float(np.concatenate([[], *true_shares]).mean()) if true_shares else float("nan")
+    )
+    seen["false_seams"] = sum(
+        bool(found.size and found.mean() < 0.5)
+        for seam, found in zip(sides.seams, true_shares, strict=True)
+        if not seam.why
+    )
+    evaluation = compare(other, its_truth, unmasked).evaluation
+    if not sides.is_related:
+        return SidesEvaluation(other=evaluation, **seen)
+    true_from_this = _fit(this, truth)
+    at, true, known = true_places(other, its_truth)
+    error_m = np.linalg.norm(true_from_this.apply(at * MIRROR) - true * MIRROR, axis=1)
+    std = other.placement_std_m
+    within = float("nan")
+    if std is not None:
+        std_m = std[other.valid][known]
+        within = float((error_m <= 3.0 * std_m + 0.001).mean())
+    return SidesEvaluation(
+        other=evaluation,
+        **seen,
+        related_median_mm=1e3 * float(np.median(error_m)),
+        related_p95_mm=1e3 * float(np.percentile(error_m, 95)),
+        related_far_share=float((error_m > FAR_RELATED_M).mean()),
+        related_within_3_std_share=within,
+    )
+
+
+def _true_matches(
+    seam: Seam, this: FlattenedView, other: FlattenedView, truth: Truth, its_truth: Truth
+) -> Bool:
+    """Return which places of a seam are one place of the pattern, of those (K,) whose truth is known."""
+    ends = []
+    for view, uv_m, own in ((this, seam.this_uv_m, truth), (other, seam.other_uv_m, its_truth)):
+        at, true, _ = true_places(view, own)
+        away, nearest = cKDTree(at).query(np.nan_to_num(uv_m))
+        ends.append(np.where((away < NEAR_SEAM_M)[:, None], true[nearest], np.nan))
+    off_m = np.linalg.norm(ends[0] - ends[1] * MIRROR, axis=1)
+    found: Bool = off_m[np.isfinite(off_m)] < FAR_RELATED_M
+    return found
+
+
+def _fit(view: FlattenedView, truth: Truth) -> Rigid2:
+    """Return the motion that fits the reliable pixels to the truth, without the tenth that fits worst."""
+    at, true, known = true_places(view, truth)
+    if view.placement_std_m is not None:
+        firm = view.placement_std_m[view.valid][known] <= FIRM_M
+        if firm.sum() > 2:
+            at, true = at[firm], true[firm]
+    return trimmed_motion(at, true)
+
+
+def _share_of_seen(view: FlattenedView, truth: Truth, views: int) -> float:
+    """Return which share of the cells that any view shows is in a shape."""
+    _, true, _ = true_places(view, truth)
+    placed = {tuple(cell) for cell in np.unique(np.floor(true / CELL_M).astype(int), axis=0).tolist()}
+    seen: set[tuple[int, int]] = set()
+    for n in range(views):
+        shown = truth[n].flat_uv_m[of_interest(truth[n], truth.panel_of_interest)]
+        seen |= {tuple(cell) for cell in np.unique(np.floor(shown / CELL_M).astype(int), axis=0).tolist()}
+    return len(placed & seen) / max(len(seen), 1)
+
+
+# --- the garment ----------------------------------------------------------------------------------
+
+
+class TruePoints(msgspec.Struct, frozen=True):
+    """The kind of a garment, and its named points in the truth's plane, metres."""
+
+    format: str
+    kind: str
+    points_m: dict[str, tuple[Finite, Finite]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GarmentEvaluation:
+    """A recognised garment compared with the truth.
+
+    Points and dimensions are compared only if the kind is right; their tables are empty otherwise.
+
+    Attributes
+    ----------
+    kind, true_kind : str
+        The recognised kind, and the true one.
+    probability, none_probability : float
+        Of the true kind, and of "none of the known kinds".
+    seen_mm, unseen_mm : dict
+        Error of each named point that a view shows, and of each that is predicted, mm.
+    normed : dict
+        Error of each named point divided by its standard deviation.
+    dimension_errors : dict
+        Relative error of each dimension, positive if it was found too long.
+    pieces_mm : list of float
+        Median error of each floating piece that was placed with certainty, mm.
+    """
+
+    kind: str
+    true_kind: str
+    probability: float
+    none_probability: float
+    seen_mm: dict[str, float]
+    unseen_mm: dict[str, float]
+    normed: dict[str, float]
+    dimension_errors: dict[str, float]
+    pieces_mm: list[float]
+
+
+def read_true_points(folder: Path) -> TruePoints | None:
+    """Return the true points of a recording folder, None if it has none.
+
+    Raises
+    ------
+    EvaluationError
+        If the file is damaged.
+    """
+    file = folder / "truth" / "points.json"
+    try:
+        points = decoded(read_plain(file), TruePoints)
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise EvaluationError(f"{file}: {error}. Repair or remove it.") from error
+    if points.format != POINTS_FORMAT:
+        raise EvaluationError(f"{file}: its format is {points.format!r:.60}, not {POINTS_FORMAT}.")
+    return points
+
+
+def compare_garment(
+    found: Recognition,
+    shape: FlattenedView,
+    floating: tuple[FlattenedView, ...],
+    truth: Truth,
+    points: TruePoints,
+    sides: JoinedSides | str | None = None,
+) -> GarmentEvaluation:
+    """Compare a recognised garment with the true points, after one rigid fit of the shape to the truth.
+
+    A point is seen if the shape shows it, or the other side where that is joined.
+    """
+    at, true_uv, _ = true_places(shape, truth, least=3)
+    truth_from_shape = trimmed_motion(at, true_uv)
+    seen: dict[str, float] = {}
+    unseen: dict[str, float] = {}
+    normed: dict[str, float] = {}
+    sizes: dict[str, float] = {}
+    fit = found.fit
+    if found.kind == points.kind:
+        true = {name: np.array(place) for name, place in points.points_m.items()}
+        placed = {name: truth_from_shape.apply(p.uv_m) for name, p in found.points.items()}
+        if fit.kind.corners is not None:
+            true = _corners_in_order(placed, true)
+        beyond = points_on_other_side(found, sides) if isinstance(sides, JoinedSides) else {}
+        for name, point in found.points.items():
+            if name not in true:
+                continue
+            off_m = float(np.linalg.norm(placed[name] - true[name]))
+            (unseen if point.pixel is None and name not in beyond else seen)[name] = 1e3 * off_m
+            normed[name] = off_m / point.std_m
+        for name, (a, b) in fit.kind.dimensions.items():
+            if a in true and b in true and name in found.dimensions:
+                length_m = float(np.linalg.norm(true[a] - true[b]))
+                sizes[name] = found.dimensions[name].value_m / length_m - 1.0
+    return GarmentEvaluation(
+        kind=found.kind,
+        true_kind=points.kind,
+        probability=found.probabilities.get(points.kind, 0.0),
+        none_probability=found.probabilities[NONE],
+        seen_mm=seen,
+        unseen_mm=unseen,
+        normed=normed,
+        dimension_errors=sizes,
+        pieces_mm=[
+            error
+            for piece in found.pieces
+            if found.kind != NONE
+            and is_sure(piece)
+            and math.isfinite(
+                error := _piece_error_mm(
+                    truth_from_shape @ piece.shape_from_piece, floating[piece.index], truth
+                )
+            )
+        ],
+    )
+
+
+def garment_summary(rows: list[GarmentEvaluation]) -> dict[str, float]:
+    """Return the figures over several recordings."""
+    seen = np.array([e for row in rows for e in row.seen_mm.values()])
+    unseen = np.array([e for row in rows for e in row.unseen_mm.values()])
+    normed = np.array([e for row in rows for e in row.normed.values()])
+    sizes = np.abs([e for row in rows for e in row.dimension_errors.values()])
+    pieces = np.array([e for row in rows for e in row.pieces_mm])
+
+    def median(values: Float64) -> float:
+        return float(np.median(values)) if values.size else math.nan
+
+    def share(hits: object) -> float:
+        found = np.asarray(hits)
+        return float(found.mean()) if found.size else math.nan
+
+    return {
+        "recordings": len(rows),
+        "kind_right": sum(row.kind == row.true_kind for row in rows),
+        "seen_points": seen.size,
+        "seen_median_mm": median(seen),
+        "seen_within_35_mm": share(seen <= 1e3 * FAR_POINT_M),
+        "unseen_points": unseen.size,
+        "unseen_median_mm": median(unseen),
+        "within_3_std": share(normed <= 3.0),
+        "dimensions_median": median(sizes),
+        "dimensions_within_3_percent": share(sizes <= 0.03),
+        "pieces_placed": pieces.size,
+        "pieces_median_mm": median(pieces),
+        "pieces_worst_mm": float(pieces.max()) if pieces.size else math.nan,
+    }
+
+
+def _corners_in_order(placed: dict[str, Float64], true: dict[str, Float64]) -> dict[str, Float64]:
+    """Return the true corners, numbered as the found ones; every cyclic shift is correct."""
+    names = sorted(placed)
+    if sorted(true) != names:
+        return true
+
+    def turned(shift: int) -> dict[str, Float64]:
+        return {name: true[names[(n + shift) % len(names)]] for n, name in enumerate(names)}
+
+    return min(
+        (turned(shift) for shift in range(len(names))),
+        key=lambda each: sum(float(np.linalg.norm(placed[name] - each[name])) for name in names),
+    )
+
+
+def _piece_error_mm(truth_from_piece: Rigid2, piece: FlattenedView, truth: Truth) -> float:
+    at, true, _ = true_places(piece, truth)
+    if len(at) < 20:
+        return math.nan
+    return 1e3 * float(np.median(np.linalg.norm(truth_from_piece.apply(at) - true, axis=1)))

@@ -9,16 +9,16 @@ from dataclasses import KW_ONLY, dataclass, field
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.integration import Integration
-from flatcloth.session.commands import LeftOut
+from flatcloth.methods.starting import fronts
+from flatcloth.session.document import UNSURE, Document
 from flatcloth.session.machine import (
-    UNSURE,
     Accept,
     AcceptAll,
     Command,
-    Document,
     Event,
     Failed,
     Keeper,
+    LeftOut,
     Nudge,
     Phase,
     Propose,
@@ -88,6 +88,7 @@ class Run:
     on_view: Callable[[ViewDecision], None] = field(default=lambda _: None)
     decisions: list[ViewDecision] = field(default_factory=list)
     is_limited: bool = False
+    _reads_ahead: bool = False
 
     @property
     def state(self) -> SessionState:
@@ -102,19 +103,19 @@ class Run:
         A method whose shapes are those of sets takes all views at once, but for those that the others
         contradict.
 
-        With more than one of the ``cores``, likely views are flattened ahead, and if frames are kept, none
-        is read twice; the result is the same.
+        With more than one of the ``cores``, views are read ahead, and if frames are kept, none is read twice;
+        the result is the same.
 
         Raises
         ------
         FlatclothError
             If no start view can be flattened.
         """
-        self.integration.algorithm.is_unattended = not self.is_limited
+        self.integration.is_unattended = not self.is_limited
         self.integration.algorithm.is_limited = self.is_limited
         if keeps_frames:
             self.integration.views.keep_frames()
-        self.integration.flattens_ahead = cores > 1
+        self._reads_ahead = cores > 1
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
         if self._takes_all:
@@ -127,7 +128,6 @@ class Run:
                     self._answer(progress)
                 case _:
                     self._ask(Propose(), progress)
-        self.integration.views.flatten_ahead([])
         return self.state
 
     @property
@@ -147,7 +147,7 @@ class Run:
         self._take([view for view in range(count) if view not in known], progress)
 
     def _take(self, views: Sequence[int], progress: Progress) -> None:
-        if self.integration.flattens_ahead:
+        if self._reads_ahead:
             self.integration.views.read_ahead(reversed(views))
         why = self.integration.why_left_out(self.state.document, views, progress)
         taken = tuple(view for view in views if view not in why)
@@ -176,10 +176,10 @@ class Run:
         rejected = {r.view_index: r.reason for r in self.state.document.rejected}
         return rejected.get(view_index, why)
 
-    def begin_again(self, progress: Progress = no_progress) -> SessionState:
+    def begin_again(self) -> SessionState:
         """Integrate all views again, with the best start view."""
-        self._ask(Restart(), progress)
-        return self.finish(progress)
+        self._ask(Restart(), no_progress)
+        return self.finish()
 
     def _start_anew(self, progress: Progress) -> None:
         best = better_start(self.integration, self.state.document, progress)
@@ -245,4 +245,5 @@ def _share_done(integration: Integration, state: SessionState) -> float:
     """Share of the turn that is covered, as the final number of views is unknown."""
     if state.document.start_view is None:
         return 0.0
-    return min(1.0, sum(turn for _, turn in integration.fronts(state.document).values()) / 360.0)
+    outermost = fronts(state.document, integration.recording.angles_deg).values()
+    return min(1.0, sum(turn for _, turn in outermost) / 360.0)

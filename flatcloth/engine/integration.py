@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flatcloth.checking import result
+from flatcloth.checking.check import known_check
 from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import (
@@ -21,22 +23,20 @@ from flatcloth.core.errors import (
     FlatteningError,
     SurfaceError,
 )
-from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import (
     Bool,
     FlattenedView,
-    Float64,
     Progress,
     RotationAxis,
     no_progress,
 )
-from flatcloth.engine.following import (
+from flatcloth.engine.placing import (
+    RefinedScore,
     follow,
     laid_beside,
     plan_put_off,
-    why_hopeless,
+    refine_and_score,
 )
-from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.trust import Trust
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.cloth import Cloth
@@ -45,35 +45,14 @@ from flatcloth.garments.deciding import decided_parts, with_doubts
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method
 from flatcloth.methods.registry import load_method, method_name
-from flatcloth.methods.sides import fronts, side_of
-from flatcloth.methods.starting import overlap_area_m2
+from flatcloth.methods.starting import overlap_area_m2, side_of
 from flatcloth.recordings.base import Recording
-from flatcloth.session.document import accept_all
-from flatcloth.session.machine import (
-    Document,
-    Event,
-    NothingMore,
-    Pending,
-    PlacedPart,
-    Proposed,
-    Rejected,
-    Request,
-    Side,
-    Started,
-)
+from flatcloth.session.document import Document, Pending, PlacedPart, Rejected, Side, accept_all
+from flatcloth.session.machine import Event, NothingMore, Proposed, Request, Started
 from flatcloth.shape.joints import DecidedParts
 
-_LIKELY_ROTATION_DEG = 30.0
-"""Views about this far from the present one are decoded ahead. Chosen; not measured."""
 CONTRADICTS = "contradicts the other views"
 """Reason why a view is left out: too many of its pairs contradict those of the other views."""
-VIEWS_AHEAD = 6
-"""Number of views decoded or flattened ahead. Chosen: more delay the computation that the user waits for."""
-_NEXT_APART_DEG = 30.0
-"""Candidates this far from the planned view are flattened first, as nearer ones show the same cloth: in four
-of five cases the next planned view was among the best two of them. Measured on two recordings."""
-_FIRST_ROTATION_DEG = 60.0
-"""From the start view to the next two, one to each side; 50 to 70 degrees on three recordings. Measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,8 +118,8 @@ class Integration:
         If the method is unknown.
     """
 
-    flattens_ahead = False
-    """Set by a run with a second core: the views that are likely next are flattened ahead."""
+    is_unattended = False
+    """Set by a run without an operator: it ends where further views cannot help."""
 
     def __init__(
         self,
@@ -153,7 +132,7 @@ class Integration:
         self.method = method_name(method)
         self._kind: type[Method] = load_method(self.method)
         self.views = views or RecordedViews(
-            recording, config or self._kind.default_config(), segmenter, is_default=config is None
+            recording, config or Config(), segmenter, is_default=config is None
         )
         self.notes, self.trust = self.views.notes, Trust(recording)
         self.algorithm: Method = self._kind(self.views, self.views.angles_deg)
@@ -182,7 +161,7 @@ class Integration:
         self._decided: Cache[_ByGarment] = Cache(2)
         before = self.algorithm
         self.algorithm = self._kind(self.views, self.views.angles_deg)
-        self.algorithm.is_unattended, self.algorithm.is_limited = before.is_unattended, before.is_limited
+        self.algorithm.is_limited = before.is_limited
 
     # ---------------------------------------------------------------- the shape
 
@@ -239,8 +218,7 @@ class Integration:
         return self._by_garment(document).cloth if document.garment.parts else self._cloth(document)
 
     def _cloth(self, document: Document) -> Cloth | None:
-        edges = self.algorithm.surface_edges(document)
-        return edges if isinstance(edges, Cloth) else None
+        return next(iter(self.algorithm.cloth_of_pieces(document)), None)
 
     def taken_off(self, document: Document) -> Bool | None:
         """Return which samples (N,) were removed from the shape; None if none were."""
@@ -269,10 +247,6 @@ class Integration:
             return _ByGarment(made, cloth, np.any(parts.taken_off, axis=0) if parts.taken_off else None)
 
         return self._decided.get((*_shape_of(document), document.garment.parts), make)
-
-    def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
-        """Return the outermost accepted view on each side and its rotation from the start view (deg)."""
-        return fronts(document, self.recording.angles_deg)
 
     def plan(self, document: Document) -> Plan:
         """Choose the next view."""
@@ -345,8 +319,6 @@ class Integration:
     # ---------------------------------------------------------------- the work itself
 
     def _start_view(self, progress: Progress) -> int:
-        if self.flattens_ahead:
-            self.views.flatten_ahead(self._likely_first(int(self.views.observed_areas_m2(progress).argmax())))
         view = self.algorithm.start_view(progress)
         if view is None:
             raise FlatteningError(
@@ -359,9 +331,9 @@ class Integration:
         """Propose the planned view; a view that cannot be flattened or aligned is left out."""
         tried: list[str] = []
         passed = set(document.rejected)
-        hopeless = why_hopeless(self.recording, self.algorithm, document)
-        if hopeless:
-            return NothingMore(token, hopeless)
+        cameras = self.algorithm.cameras(document) if self.is_unattended else None
+        if self.is_unattended and result.is_hopeless(known_check(self.recording), cameras):
+            return NothingMore(token, f"{result.WRONG}: no further view is added.")
         while True:
             progress(0.05, "choosing the rotation")
             refused = tuple(sorted(passed, key=lambda r: r.view_index))
@@ -369,8 +341,6 @@ class Integration:
             if plan.view_index is None:
                 reason = plan.reason + (" Left out: " + " ".join(tried) if tried else "")
                 return NothingMore(token, reason)
-            if self.flattens_ahead:
-                self.views.flatten_ahead(self._likely_after(plan))
             try:
                 proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
             except (SurfaceError, FlatteningError, AlignmentError) as error:
@@ -380,7 +350,8 @@ class Integration:
             return self._proposed(document, token, proposal)
 
     def _by_hand(self, document: Document, token: int, view_index: int, progress: Progress) -> Event:
-        side = self.algorithm.side_of(document, view_index)
+        angles_deg = self.recording.angles_deg
+        side = side_of(document, angles_deg, view_index) if self.algorithm.has_sides else None
         try:
             proposal = self._propose(document, view_index, side, None, progress)
         except AlignmentError as error:
@@ -413,37 +384,7 @@ class Integration:
         placement = self.algorithm.propose(document, view_index, side, progress)
         return Proposal(view_index=view_index, side=side, plan=plan, placement=placement)
 
-    def _read_ahead_of(self, view_index: int) -> None:
-        """Decode the views that a rotation from this one may lead to next, the likeliest first."""
-        if self.views.keeps_frames:
-            return
-        turn = self._turns_from(view_index)
-        near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))
-        likeliest = near[np.argsort(np.abs(turn[near] - _LIKELY_ROTATION_DEG), kind="stable")]
-        self.views.read_ahead(likeliest[:VIEWS_AHEAD].tolist())
-
-    def _likely_first(self, start: int) -> list[int]:
-        """Return the views that will likely be planned after the start view, the likeliest first."""
-        off = np.abs(self._turns_from(start) - _FIRST_ROTATION_DEG)
-        order: list[int] = np.argsort(off, kind="stable").tolist()
-        return [view for view in order if view != start]
-
-    def _turns_from(self, view_index: int) -> Float64:
-        """Return the rotation (n_views,) from a view to each, 0 to 180 degrees."""
-        angles = np.asarray(self.recording.angles_deg)
-        turns: Float64 = np.abs(wrapped_deg(angles - angles[view_index]))
-        return turns
-
-    def _likely_after(self, plan: Plan) -> list[int]:
-        """Return the views that will likely be planned after the planned one, the likeliest first."""
-        planned = plan.view_index
-        assert planned is not None
-        turns, views = self._turns_from(planned), [c.view_index for c in plan.candidates]
-        likely = [view for view in views if turns[view] >= _NEXT_APART_DEG]
-        return list(dict.fromkeys([*likely, *(view for view in views if view != planned)]))[:VIEWS_AHEAD]
-
     def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
-        self._read_ahead_of(proposal.view_index)
         key = (*_shape_of(document), proposal.view_index, proposal.side)
         self._proposals.drop(lambda kept: kept == key)  # that of a view which was chosen by hand before
         self._proposals.put(key, proposal)

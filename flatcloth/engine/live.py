@@ -144,16 +144,8 @@ def camera_recording(feed: CameraFeed) -> Recording:
     )
 
 
-def cloud_of(frame: RgbdFrame, most: int = MOST_POINTS) -> tuple[Float32, Uint8]:
-    """Return points (N, 3) and colors (N, 3) near the camera in a frame, camera frame.
-
-    Parameters
-    ----------
-    frame : RgbdFrame
-        A view.
-    most : int
-        At most this many points, subsampled evenly.
-    """
+def cloud_of(frame: RgbdFrame) -> tuple[Float32, Uint8]:
+    """Return points (N, 3) and colors (N, 3) near the camera in a frame, camera frame, an even selection."""
     depth = frame.depth_m
     few = depth[::8, ::8]
     measured = few[few > 0]
@@ -161,7 +153,8 @@ def cloud_of(frame: RgbdFrame, most: int = MOST_POINTS) -> tuple[Float32, Uint8]
         return np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.uint8)
     near = (depth > 0) & (depth < np.percentile(measured, 2) + BEHIND_M)
     rows, cols = np.nonzero(near)
-    keep = slice(None) if rows.size <= most else np.linspace(0, rows.size - 1, most).astype(np.intp)
-    rows, cols = rows[keep], cols[keep]
+    if rows.size > MOST_POINTS:
+        keep = np.linspace(0, rows.size - 1, MOST_POINTS).astype(np.intp)
+        rows, cols = rows[keep], cols[keep]
     points: Float32 = back_project(depth, frame.intrinsics)[rows, cols]
     return points, frame.color[rows, cols]

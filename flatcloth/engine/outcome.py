@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,12 @@ import msgspec
 import numpy as np
 
 from flatcloth.checking.result import told
-from flatcloth.core.decoding import Finite, decoded
+from flatcloth.core.decoding import decoded
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.joints import Joint, alternatives, joints_of
-from flatcloth.engine.results.pixel_states import pixel_counts
-from flatcloth.engine.results.result import uncertainty
+from flatcloth.engine.joints import Joint, alternatives, joints_of
+from flatcloth.engine.result import pixel_counts, uncertainty
 from flatcloth.engine.segmenting import summary
 from flatcloth.engine.sheet import OTHER_FILE, SheetPiece, other_floating_file, sheet_of
 from flatcloth.methods.answers import JoinedSides, OtherJoint, Seam
@@ -32,7 +31,6 @@ FILE = "outcome.json"
 def outcome_of(
     integration: Integration,
     document: Document,
-    scores: Mapping[int, float] | None = None,
     shape: FlattenedView | None = None,
 ) -> dict[str, Any]:
     """Return the report, ready for JSON: areas in cm2, lengths in mm, angles in degrees.
@@ -43,8 +41,6 @@ def outcome_of(
         The integration.
     document : Document
         The decisions, of an operator or of an unattended run.
-    scores : dict of int to float, optional
-        Scores of views whose acceptance keeps none; see :func:`earlier_scores`.
     shape : FlattenedView, optional
         The shape as it is written, with placed pieces; by default the canonical view.
     """
@@ -54,8 +50,7 @@ def outcome_of(
     pieces = sheet_of(canonical, document).pieces
     angles, masks = integration.recording.angles_deg, integration.views.masks
     accepted = [
-        _accepted(added, angles[added.view_index], scores or {}, integration.accept_score)
-        for added in document.accepted
+        _accepted(added, angles[added.view_index], integration.accept_score) for added in document.accepted
     ]
     refused = {r.view_index: r.reason for r in document.rejected}
     skipped = {s.view_index: "skipped" for s in document.skipped}
@@ -89,14 +84,13 @@ def outcome_of(
         ],
         "pixels": pixel_counts(integration, document),
         **_cameras(integration, document),
-        **({} if masks is None else {"segmentation": summary(masks.segmentation)}),
+        **({} if masks is None else {"segmentation": summary(masks)}),
     }
 
 
-def _accepted(added: Accepted, angle_deg: float, scores: Mapping[int, float], limit: float) -> dict[str, Any]:
+def _accepted(added: Accepted, angle_deg: float, limit: float) -> dict[str, Any]:
     """Return an accepted view; ``flagged``: its score is below what is accepted without an operator."""
-    score = scores.get(added.view_index) if added.score is None else added.score
-    score = None if score is None else _number(score)
+    score = None if added.score is None else _number(added.score)
     return {
         "view_index": added.view_index,
         "angle_deg": angle_deg,
@@ -263,33 +257,16 @@ def other_side_lines(entry: dict[str, Any]) -> list[str]:
     return [f"{line}.", *_joint_line(entry["joints"], "the other side")]
 
 
-class _Accepted(msgspec.Struct, frozen=True):
-    view_index: int
-    score: Finite | None
-
-
 class _Kept(msgspec.Struct, frozen=True):
-    accepted: tuple[_Accepted, ...]
     other_side: dict[str, Any] | None = None
-
-
-def earlier_scores(folder: Path) -> dict[int, float]:
-    """Return the scores of the report in a folder, by view; empty without a report."""
-    kept = _kept(folder)
-    return {} if kept is None else {a.view_index: a.score for a in kept.accepted if a.score is not None}
 
 
 def has_other_side(folder: Path) -> bool:
     """Return whether the report in a folder has the other side of the item."""
-    kept = _kept(folder)
-    return kept is not None and kept.other_side is not None
-
-
-def _kept(folder: Path) -> _Kept | None:
     try:
-        return decoded(read_plain(folder / FILE), _Kept)
+        return decoded(read_plain(folder / FILE), _Kept).other_side is not None
     except (OSError, ValueError):
-        return None
+        return False
 
 
 def outcome_text(outcome: dict[str, Any]) -> str:

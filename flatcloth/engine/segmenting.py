@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,10 @@ from flatcloth.core.strokes import Decision, ImageStroke, why_off_image
 from flatcloth.core.types import Progress, RgbdFrame, no_progress
 from flatcloth.engine.views import RecordedViews
 from flatcloth.recordings.base import Recording, ViewImages, altered, images_of
-from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.observed import Evidence, gather_evidence
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
-from flatcloth.session.commands import paint
-from flatcloth.session.machine import Keeper
+from flatcloth.session.machine import Keeper, paint
 
 MOST_VIEWS = 600
 """Views in which sides are found. They are registered together: time and memory grow with the square (1,000
@@ -90,49 +87,31 @@ def _all(views: RecordedViews) -> list[RgbdFrame]:
 def take_strokes(views: RecordedViews, session: Keeper, strokes: Sequence[Decision]) -> None:
     """Record strokes that a session does not have yet, before it continues.
 
+    With masks of the recording that agree, strokes are not recorded.
+
     Raises
     ------
     SegmentationError
-        If the recording has masks that contradict them; with masks that agree, strokes are not recorded.
+        If a stroke touches no image, or contradicts the mask of its view for most of the cloth under it.
     """
-    _check_on_images(views.recording, strokes, views.recording.location)
-    if views.recording.has_masks:
-        check_against_masks(views.recording, strokes, views.recording.location)
-        return
-    for stroke in strokes:
+    recording, camera = views.recording, views.recording.intrinsics
+    for n, stroke in enumerate(strokes, start=1):
+        why = why_off_image(stroke, len(recording), camera.height, camera.width)
+        if why is None and recording.has_masks and isinstance(stroke, ImageStroke):
+            mask = recording[stroke.view_index].mask
+            assert mask is not None
+            at = np.rint(np.asarray(stroke.points_rc)).astype(int)
+            at = np.clip(at, 0, np.array(mask.shape) - 1)
+            if (float(mask[at[:, 0], at[:, 1]].mean()) > 0.5) != (stroke.side == "this"):
+                why = (
+                    f"it contradicts the mask of view {stroke.view_index}; take out the stroke, or segment a "
+                    "copy of the recording without its masks."
+                )
+        if why is not None:
+            raise SegmentationError(f"{recording.location}: decision {n}: {why}")
+    for stroke in () if recording.has_masks else strokes:
         if stroke not in session.state.document.strokes:
             session.record(paint(stroke))
-
-
-def _check_on_images(recording: Recording, decisions: Sequence[Decision], where: str) -> None:
-    camera = recording.intrinsics
-    for n, decision in enumerate(decisions):
-        why = why_off_image(decision, len(recording), camera.height, camera.width)
-        if why is not None:
-            raise SegmentationError(f"{where}: decision {n + 1}: {why}")
-
-
-def check_against_masks(recording: Recording, decisions: Sequence[Decision], where: str) -> None:
-    """Refuse strokes that contradict the masks of a recording.
-
-    Raises
-    ------
-    SegmentationError
-        If a stroke contradicts the mask of its view for most of the cloth under it.
-    """
-    for n, decision in enumerate(decisions):
-        if not isinstance(decision, ImageStroke) or not recording.has_masks:
-            continue
-        mask = recording[decision.view_index].mask
-        assert mask is not None
-        at = np.rint(np.asarray(decision.points_rc)).astype(int)
-        at = np.clip(at, 0, np.array(mask.shape) - 1)
-        inside = float(mask[at[:, 0], at[:, 1]].mean())
-        if (inside > 0.5) != (decision.side == "this"):
-            raise SegmentationError(
-                f"{where}: decision {n + 1} contradicts the mask of view {decision.view_index}; take out the "
-                "stroke, or segment a copy of the recording without its masks."
-            )
 
 
 def summary(segmentation: Segmentation) -> dict[str, Any]:
@@ -150,28 +129,3 @@ def summary(segmentation: Segmentation) -> dict[str, Any]:
             for cut in segmentation.cut_off
         ],
     }
-
-
-@dataclass(frozen=True, kw_only=True)
-class SidesLesson:
-    """How the side of interest is found: the start view as recorded, the result, a slice of the evidence."""
-
-    frame: RgbdFrame
-    found: Segmentation
-    section: Slice
-
-
-def sides_lesson(views: RecordedViews, progress: Progress = no_progress) -> SidesLesson:
-    """Find the sides of a recording for the teaching mode; masks of its own are not used.
-
-    Raises
-    ------
-    SegmentationError, RecordingError
-        As :func:`prepare`.
-    """
-    solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
-    return SidesLesson(
-        frame=views.recorded(solver.observed.start_view),
-        found=solver.solve(()),
-        section=telling_slice(solver.observed, views.axis),
-    )

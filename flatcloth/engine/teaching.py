@@ -23,15 +23,21 @@ from flatcloth.core.types import (
     Float64,
     Int32,
     Progress,
+    RgbdFrame,
     Rigid2,
     Uint8,
     no_progress,
 )
+from flatcloth.engine.garment import KnownGarment
 from flatcloth.engine.integration import Integration, Proposal
-from flatcloth.engine.segmenting import SidesLesson, sides_lesson
+from flatcloth.engine.segmenting import prepare
 from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.flatten import Flattening, Level, flatten
 from flatcloth.flattening.surface import observe_item
+from flatcloth.garments.evidence import PieceEvidence
+from flatcloth.garments.example import half_seen_tshirt
+from flatcloth.garments.fit import STARTS, TEMPERATURE, Fit, refine, starts
+from flatcloth.garments.recognition import NONE, THINNED, fits_of, probabilities_by
 from flatcloth.methods.answers import Canonical, Plan
 from flatcloth.methods.paper.merging import shows
 from flatcloth.methods.paper.method import PaperMethod
@@ -39,7 +45,10 @@ from flatcloth.methods.paper.occlusion import occluding_edges
 from flatcloth.methods.paper.watching import Search, WatchedMatcher
 from flatcloth.methods.starting import components_by_area
 from flatcloth.recordings.base import altered, images_of
-from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Request, Side, Started
+from flatcloth.segmentation.explanation import Slice, telling_slice
+from flatcloth.segmentation.result import Segmentation
+from flatcloth.session.document import Document, Side
+from flatcloth.session.machine import Accept, Propose, Proposed, Request, SessionState, Started, apply
 
 INTERVALS_PX = (4, 40)
 """Range of d in the page. Chosen: from every fourth pixel to a tenth of a garment."""
@@ -285,26 +294,25 @@ class Teaching:
 def _align(
     paper: Integration, document: Document, planned: int | None, progress: Progress
 ) -> AlignmentLesson:
-    event = paper.answer(document, Request(0, "propose"), progress)
+    asked = apply(SessionState(len(paper.recording), document), Propose())
+    assert asked.request is not None
+    event = paper.answer(document, asked.request, progress)
     if planned is None or not isinstance(event, Proposed):
         raise AlignmentError(getattr(event, "reason", "There is no view to add."))
-    assert document.start_view is not None
-    pending = Pending(event.view_index, event.current_from_new, event.side, component=event.component)
-    proposal = paper.proposal(replace(document, pending=pending))
+    answered = apply(asked, event)
+    proposal = paper.proposal(answered.document)
     progress(0.9, "following the search")
     current, new = paper.canonical(document).view, paper.views.part(event.view_index, event.component)
     watched = WatchedMatcher(current, new, paper.axis)
     watched.search(proposal.alignment.initial)
     progress(0.98, "renewing the flattened view")
     also = tuple(p for p in event.also if p.view_index == event.view_index)
-    accepted = Accepted(
-        event.view_index, event.current_from_new, side=event.side, component=event.component, also=also
-    )
+    (accepted,) = apply(answered, Accept(event.view_index)).document.accepted
     others = [
         (paper.views.part(p.view_index, p.component), p.current_from_new.inverse() @ event.current_from_new)
         for p in also
     ]
-    renewed = paper.canonical(replace(document, accepted=(accepted,)))
+    renewed = paper.canonical(replace(document, accepted=(replace(accepted, also=also),)))
     return AlignmentLesson(
         planned_view=planned,
         proposal=proposal,
@@ -408,3 +416,98 @@ def _origin(
     from_new: NDArray[np.bool_] = renewed.view_index == new[0][0].view_index.max()
     origin = np.where(from_new, np.where(both, NEW_OF_BOTH, NEW), np.where(both, OLD_OF_BOTH, KEPT))
     return np.where(renewed.valid, origin, 0).astype(np.uint8)
+
+
+_STEPS = ((4.0, 6), (2.0, 6), (1.0, 8))
+"""Factors on the standard deviations, and number of steps with each. Chosen: a few more than in the fit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GarmentLesson:
+    """The recognition of one shape.
+
+    ``view`` is the shape, or None for an example, if the session has no shape of two views yet. ``evidence``
+    is that of the shape; ``fits`` are the best of each kind, the most probable first, ``probabilities`` are
+    those by this shape alone, at a ``temperature``. ``states`` (S, K, V, 2) are the outlines on the shape's
+    plane from each of K starts with the best kind, step by step, and ``energy`` (S, K) their costs;
+    ``widened`` (S,) is the factor on the standard deviations in each step.
+    """
+
+    view: FlattenedView | None
+    evidence: PieceEvidence
+    temperature: float
+    fits: tuple[Fit, ...]
+    probabilities: dict[str, float]
+    states: Float64
+    energy: Float64
+    widened: Float64
+
+
+def garment_lesson(known: KnownGarment | None, progress: Progress = no_progress) -> GarmentLesson:
+    """Return the lesson about a known garment, or about an example."""
+    evidence = half_seen_tshirt() if known is None else known.evidence[0]
+    progress(0.1, "fitting every kind")
+    fits = fits_of(evidence)
+    temperature = TEMPERATURE if known is None else known.by_evidence.temperature
+    probabilities = probabilities_by(fits, evidence, temperature)
+    progress(0.7, "following the fits")
+    states, energy, widened = _followed(fits[0], evidence)
+    return GarmentLesson(
+        view=None if known is None else known.canonical.view,
+        evidence=evidence,
+        temperature=temperature,
+        fits=tuple(fits),
+        probabilities={
+            **{fit.kind.name: probabilities[fit.kind.name] for fit in fits},
+            NONE: probabilities[NONE],
+        },
+        states=states,
+        energy=energy,
+        widened=widened,
+    )
+
+
+def _followed(best: Fit, evidence: PieceEvidence) -> tuple[Float64, Float64, Float64]:
+    kind, coarse = best.kind, evidence.thinned(THINNED)
+    now = [
+        refine(kind, (coarse,), parameters, (pose,), annealed=())
+        for parameters, pose in starts(kind, evidence, STARTS)
+    ]
+    rows, factors = [now], [_STEPS[0][0]]
+    for widened, steps in _STEPS:
+        for _ in range(steps):
+            now = [
+                refine(
+                    kind, (coarse,), fit.parameters, fit.garment_from_piece, annealed=(widened,), most_steps=1
+                )
+                for fit in now
+            ]
+            rows.append(now)
+            factors.append(widened)
+    outlines = [[fit.garment_from_piece[0].inverse().apply(fit.outline) for fit in row] for row in rows]
+    return np.array(outlines), np.array([[fit.energy for fit in row] for row in rows]), np.array(factors)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SidesLesson:
+    """How the side of interest is found: the start view as recorded, the result, a slice of the evidence."""
+
+    frame: RgbdFrame
+    found: Segmentation
+    section: Slice
+
+
+def sides_lesson(views: RecordedViews, progress: Progress = no_progress) -> SidesLesson:
+    """Find the sides of a recording for the teaching mode; masks of its own are not used.
+
+    Raises
+    ------
+    SegmentationError, RecordingError
+        As :func:`prepare`.
+    """
+    solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
+    return SidesLesson(
+        frame=views.recorded(solver.observed.start_view),
+        found=solver.solve(()),
+        section=telling_slice(solver.observed, views.axis),
+    )

@@ -27,7 +27,6 @@ from flatcloth.core.types import (
     Uint8,
     no_progress,
 )
-from flatcloth.engine.sides import Masks, Sides
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.sampling import widened
 from flatcloth.flattening.surface import (
@@ -41,6 +40,7 @@ from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
 from flatcloth.recordings.writer import GrowingRecording
 from flatcloth.registration.axis import axis_agreement, resolve_axis
+from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
 
 _MIB = 1 << 20
@@ -63,6 +63,37 @@ class ViewCloud:
 
 Segmenter = Callable[["RecordedViews", Progress], SideSolver]
 """Reads all views once (takes seconds) and returns a solver for their labels."""
+SOLUTIONS_KEPT = 8
+"""Number of cached solutions, for undo and redo of strokes. Set by hand."""
+
+
+class Sides:
+    """The side of interest of a recording without masks, found once and corrected by each stroke.
+
+    Parameters
+    ----------
+    observe : callable
+        Reads all views once (takes seconds) and returns a solver; called with a progress.
+    """
+
+    def __init__(self, observe: Callable[[Progress], SideSolver]) -> None:
+        self._observe = observe
+        self._solver: Cache[SideSolver] = Cache(1)
+        self._solutions: Cache[Segmentation] = Cache(SOLUTIONS_KEPT)
+
+    def solver(self, progress: Progress = no_progress) -> SideSolver:
+        """Return the solver; the first call looks at all views.
+
+        Raises
+        ------
+        SegmentationError
+            If no view shows an item, or there are two.
+        """
+        return self._solver.get("solver", lambda: self._observe(progress))
+
+    def masks(self, strokes: tuple[Decision, ...], progress: Progress = no_progress) -> Segmentation:
+        """Return the masks that follow from strokes; errors as :meth:`solver`."""
+        return self._solutions.get(strokes, lambda: self.solver(progress).solve(strokes))
 
 
 class RecordedViews:
@@ -92,8 +123,8 @@ class RecordedViews:
         What the operator must know about the recording and its axis.
     sides : Sides or None
         Finds the masks, if the recording has none of its own.
-    masks : Masks or None
-        The masks in force: those of the last requested strokes.
+    masks : Segmentation or None
+        What has the masks in force: those of the last requested strokes.
     on_change : callable
         Called when the axis or the masks were replaced, so that derived data are outdated.
     """
@@ -107,7 +138,6 @@ class RecordedViews:
         self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, _FRAMES_BYTES)
         self.keeps_frames = False
         self._ahead = ReadAhead(self.recorded)
-        self._flattening_ahead = ReadAhead(self._flatten_ahead)
         self._segmenting = threading.RLock()
         self.on_change: Callable[[], None] = lambda: None
         hanging = resolve_axis(recording, self.recorded, config.surface)
@@ -139,8 +169,6 @@ class RecordedViews:
 
         No other thread may compute at the same time.
         """
-        self._flattening_ahead.want([])
-        self._flattening_ahead.wait()
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 6 * _MIB)
         self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 42 * _MIB)
@@ -153,12 +181,9 @@ class RecordedViews:
     def _find_sides(self) -> None:
         """Prepare to find the masks, if the recording has none of its own."""
         segmenter = self._segmenter
-        self.masks: Masks | None = None
-        self.sides = (
-            None
-            if segmenter is None
-            else Sides(lambda progress: segmenter(self, progress), len(self.recording))
-        )
+        self.masks: Segmentation | None = None
+        self._mask_keys: tuple[int, ...] = ()
+        self.sides = None if segmenter is None else Sides(lambda progress: segmenter(self, progress))
 
     def grow(self) -> None:
         """Take views that were added to the recording; what was computed for the others stays.
@@ -180,7 +205,7 @@ class RecordedViews:
 
     # ---------------------------------------------------------------- the side of interest
 
-    def segment(self, strokes: tuple[Decision, ...], progress: Progress = no_progress) -> Masks | None:
+    def segment(self, strokes: tuple[Decision, ...], progress: Progress = no_progress) -> Segmentation | None:
         """Put the masks into force that follow from strokes; None if the recording has its own.
 
         Raises
@@ -197,14 +222,15 @@ class RecordedViews:
             return None
         with self._segmenting:
             found = self.sides.masks(strokes, progress)
-            changed = self.masks is None or found.keys != self.masks.keys
-            self.masks = found
+            keys = tuple(found.mask_key(view) for view in range(len(self.recording)))
+            changed = self.masks is None or keys != self._mask_keys
+            self.masks, self._mask_keys = found, keys
             if changed:
                 self.on_change()
             return found
 
     def _mask_key(self, view_index: int) -> int:
-        return -1 if self.masks is None else self.masks.keys[view_index]
+        return -1 if self.masks is None else self._mask_keys[view_index]
 
     def _segmented_key(self, view_index: int) -> tuple[int, int]:
         """Return the key of what follows from a view's mask, which is found first."""
@@ -223,7 +249,10 @@ class RecordedViews:
     def frame(self, view_index: int) -> RgbdFrame:
         """Read a view, with the mask in force; those read last are kept."""
         frame, masks = self.recorded(view_index), self.masks
-        return frame if masks is None else replace(frame, mask=masks.of(view_index, frame.depth_m.shape))
+        if masks is None:
+            return frame
+        mask = masks.mask(view_index)
+        return replace(frame, mask=np.zeros(frame.depth_m.shape, np.bool_) if mask is None else mask)
 
     def recorded(self, view_index: int) -> RgbdFrame:
         """Read a view as it was recorded, without a mask found by the program."""
@@ -264,17 +293,6 @@ class RecordedViews:
     def read_ahead(self, view_indices: Iterable[int]) -> None:
         """Read views that will probably be requested, the most probable first, on another core."""
         self._ahead.want(view_indices)
-
-    def flatten_ahead(self, view_indices: Iterable[int]) -> None:
-        """Flatten views that will probably be requested, on another core; no result depends on it."""
-        self._flattening_ahead.want(view_indices)
-
-    def _flatten_ahead(self, view_index: int) -> None:
-        # A failure is not kept here: which views are known to be unusable decides which one is planned.
-        key = view_index, self._mask_key(view_index)
-        made = self._flattenings.get(key, lambda: self._flatten(view_index))
-        for component in made.components:
-            _ = component.view.z_angle_deg  # computed on request, when the view is placed
 
     def part(self, view_index: int, component: int) -> FlattenedView:
         """Return one component of a view's flattened view; the largest is 0."""

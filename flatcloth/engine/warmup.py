@@ -20,9 +20,10 @@ import numpy as np
 
 from flatcloth.core.types import Intrinsics, Progress, RotationAxis, no_progress
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.kernels.table import compile_share, kernels
+from flatcloth.engine.kernels import compile_share, kernels
 from flatcloth.recordings.base import Recording, ViewImages
-from flatcloth.session.machine import Accept, Document, Propose, SessionState, Start, apply
+from flatcloth.session.document import Document
+from flatcloth.session.machine import Accept, Propose, SessionState, Start, apply
 
 PROCESSES = 2
 """Number of compiling processes. Chosen: all computers have two cores; a third would mostly load the

@@ -37,7 +37,7 @@ from flatcloth.rendering.drawing import (
 )
 from flatcloth.rendering.layers import LAYERS, hex_of, is_known, legend, rgba
 from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on, side_by_side
-from flatcloth.session.machine import Side
+from flatcloth.session.document import Side
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

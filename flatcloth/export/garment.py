@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flatcloth.core.types import FlattenedView, Rigid2, finite
-from flatcloth.engine.garment.recognition import KnownGarment, points_on_other_side
+from flatcloth.engine.garment import KnownGarment, points_on_other_side
 from flatcloth.engine.sheet import floating_file
 from flatcloth.export.data import numbers
 from flatcloth.garments.recognition import NONE, Recognition

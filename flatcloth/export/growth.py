@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, RotationAxis, no_progress
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.results.result import at_step, earlier_shape
+from flatcloth.engine.garment import GarmentService
+from flatcloth.engine.result import at_step, earlier_shape
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
 from flatcloth.registration.axis import THREADS
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 
 if TYPE_CHECKING:
-    from flatcloth.engine.garment.recognition import GarmentService
     from flatcloth.engine.integration import Integration
 
 _MOST, _MOST_BYTES = 2048, 80 << 20
@@ -47,16 +46,16 @@ class Kept:
     """
 
     def __init__(
-        self, garments: GarmentService | None = None, both: Callable[[], BothSides | None] = lambda: None
+        self, garments: GarmentService | None = None, both: Callable[[], GarmentService | None] = lambda: None
     ) -> None:
         self.garments, self.both = garments, both
-        self._own: BothSides | None = None
+        self._own: GarmentService | None = None
         self.values: Cache[Any] = Cache(_MOST, _MOST_BYTES)
 
-    def both_of(self, integration: Integration) -> BothSides:
+    def both_of(self, integration: Integration) -> GarmentService:
         """Return the other side of an integration, the same one for all exports (cached)."""
         if self._own is None or self._own.integration is not integration:
-            self._own = BothSides(integration)
+            self._own = GarmentService(integration)
         return self._own
 
 

@@ -14,20 +14,10 @@ from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain
 from flatcloth.core.types import finite
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.grips import read_grips
+from flatcloth.session.document import Accepted, Document
 from flatcloth.session.header import Header, read_header
 from flatcloth.session.journal import JOURNAL, Line, Pick, Replay, read_journal
-from flatcloth.session.machine import (
-    Accept,
-    Accepted,
-    Document,
-    Followed,
-    Propose,
-    Proposed,
-    Reject,
-    Reopen,
-    Restart,
-    Skip,
-)
+from flatcloth.session.machine import Accept, Followed, Propose, Proposed, Reject, Reopen, Restart, Skip
 
 ACCEPTED, REJECTED, SKIPPED = "accepted", "rejected", "skipped"
 VERDICTS = (ACCEPTED, REJECTED, SKIPPED)

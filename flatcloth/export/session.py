@@ -13,10 +13,9 @@ import numpy as np
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.outcome import FILE as OUTCOME
-from flatcloth.engine.outcome import earlier_scores, has_other_side, outcome_of, outcome_text, sides_entry
+from flatcloth.engine.outcome import has_other_side, outcome_of, outcome_text, sides_entry
 from flatcloth.engine.sheet import Sheet, lay_out, sheet_of, with_placed_pieces
 from flatcloth.export.data import (
     GARMENT,
@@ -37,11 +36,10 @@ from flatcloth.methods.answers import Canonical, ColumnCurves, JoinedSides
 from flatcloth.methods.paper.planning import column_curves
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
-from flatcloth.registration.axis import THREADS
-from flatcloth.session.axis_file import read_axis
+from flatcloth.session.document import Document
 from flatcloth.session.header import HEADER
 from flatcloth.session.journal import Pick, SheetSide
-from flatcloth.session.machine import Document
+from flatcloth.session.kept import read_axis
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -51,7 +49,7 @@ if TYPE_CHECKING:
 class SessionData:
     """What a session leaves behind as data; each part is computed on first use.
 
-    ``scores`` are those of views whose acceptance keeps none, by view; ``garments`` recognises the garment, a
+    ``garments`` recognises the garment, a
     new service by default. ``both`` joins the other side to a document's shape, if that belongs to it.
     ``is_growing``: views are still being added, and no garment is recognised for the deviations of the shape.
     """
@@ -60,7 +58,6 @@ class SessionData:
     document: Document
     picks: tuple[Pick, ...]
     frames: GraspFrames
-    scores: Mapping[int, float] = field(default_factory=dict)
     garments: GarmentService | None = None
     both: Callable[[Document], JoinedSides | str] | None = None
     is_growing: bool = False
@@ -98,7 +95,7 @@ class SessionData:
     @cached_property
     def outcome(self) -> dict[str, Any]:
         """The content of ``outcome.json``."""
-        outcome = outcome_of(self.integration, self.document, self.scores, self.canonical.view)
+        outcome = outcome_of(self.integration, self.document, self.canonical.view)
         outcome["garment"] = outcome_entry(self.garment)
         if self.sides is not None:
             outcome["other_side"] = sides_entry(self.sides)
@@ -170,7 +167,7 @@ class OpenedSession:
         return grow(self.integration, self.history, self.progress, self.kept)
 
     @cached_property
-    def both(self) -> BothSides | None:
+    def both(self) -> GarmentService | None:
         """The other side, if the session has it: its page or an unattended run computed it, or uses it."""
         kept = self.kept.both()
         if kept is not None:
@@ -243,9 +240,8 @@ class OpenedSession:
             history.begun,
             history.picks,
             frames_of(self.integration, history.document, history.grips),
-            earlier_scores(history.folder),
-            self.kept.garments or GarmentService(self.integration, both),
-            None if both is None else lambda document: both.of(document, self.progress, THREADS),
+            self.kept.garments or both or GarmentService(self.integration),
+            None if both is None else lambda document: both.joined(document, self.progress),
         )
 
 

@@ -11,26 +11,18 @@ from flatcloth.core.types import Bool, Float64, Int32
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurfaceEdges:
-    """The edges of Eq. (2) of a shape at their present position on its plane.
+class Cloth:
+    """How the shape hangs together, by a method that weighs its edges; samples of other pieces have no place.
 
-    ``uv_m`` (N, 2) and ``xyz_m`` (N, 3, object frame) of the samples, NaN without a position;
-    ``edges`` (M, 2) int32; ``length_m`` (M,) along the cloth.
+    ``uv_m`` (N, 2), ``xyz_m`` (N, 3, object frame) of the samples, NaN without a position; ``edges`` (M, 2)
+    int32 are those of Eq. (2) at their present position on the plane; ``length_m`` (M,) along the cloth.
+    ``evidence`` (M,) that a pair is one sheet; ``view_index`` (M,) saw it; noise may join layers that touch.
     """
 
     uv_m: Float64
     xyz_m: Float64
     edges: Int32
     length_m: Float64
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cloth(SurfaceEdges):
-    """How the shape hangs together, by a method that weighs its edges; samples of other pieces have no place.
-
-    ``evidence`` (M,) that a pair is one sheet; ``view_index`` (M,) saw it; noise may join layers that touch.
-    """
-
     evidence: Float64
     view_index: Int32
     is_noisy: bool = False

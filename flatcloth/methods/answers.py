@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -103,18 +102,12 @@ class Plan:
 class AlignmentScore:
     """How well two views agree: ``total`` in 0..1 and its named parts, with units in their names.
 
-    ``apart_part`` names the part that is the distance (mm) between the cloth of the two views.
+    ``apart_mm`` is the distance between the cloth of both, as the method measures it; None if unknown.
     """
 
     total: float
     parts: dict[str, float]
-    apart_part: str = ""
-
-    @property
-    def apart_mm(self) -> float | None:
-        """Distance between the cloth of the two views, in the method's own measure; None if unknown."""
-        value = self.parts.get(self.apart_part, math.nan)
-        return float(value) if math.isfinite(value) else None
+    apart_mm: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

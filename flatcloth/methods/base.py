@@ -14,7 +14,7 @@ import numpy as np
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import Rigid3, wrapped_deg
+from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import (
     Bool,
     FlattenedView,
@@ -27,7 +27,7 @@ from flatcloth.core.types import (
     Uint8,
     no_progress,
 )
-from flatcloth.flattening.cloth import Cloth, SurfaceEdges
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.methods.answers import (
     AlignmentScore,
     Canonical,
@@ -98,8 +98,8 @@ class Method(Protocol):
     angles_deg: Sequence[float]
     joins_sides: ClassVar[bool] = False
     """Whether it joins the other side of an item to the shape: :meth:`with_other_side`."""
-    is_unattended: bool = False
-    """Set by a run without an operator: it ends where further views cannot help."""
+    has_sides: ClassVar[bool] = False
+    """Whether a view extends the shape on one of two sides."""
     takes_all: ClassVar[bool] = False
     """Whether a shape is that of a set of views, so that a run takes all at once: :meth:`contradicting`."""
     is_limited: bool = False
@@ -107,11 +107,6 @@ class Method(Protocol):
 
     @abstractmethod
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None: ...
-
-    @classmethod
-    def default_config(cls) -> Config:
-        """Return the method's default configuration."""
-        return Config()
 
     @property
     @abstractmethod
@@ -206,17 +201,13 @@ class Method(Protocol):
     def carried(self, document: Document, later: Later) -> Rigid2:
         """Return the placement of a later decision on the present plane if it moves with the shape."""
 
-    @abstractmethod
-    def surface_edges(self, document: Document) -> SurfaceEdges:
-        """Return the edges of Eq. (2) of the shape."""
-
     def cloth_of_pieces(self, document: Document) -> list[Cloth]:
         """Return how each piece is connected, the shape first; none if the edges have no evidence."""
         return []
 
     def as_decided(self, document: Document, parts: DecidedParts) -> tuple[Canonical, Cloth]:
-        """Return the canonical view and its edges after decisions about parts; only for ``Cloth`` edges."""
-        raise AssertionError("a method without Cloth edges has no parts to decide about")
+        """Return the canonical view and its edges after decisions about parts."""
+        raise AssertionError("a method without cloth has no parts to decide about")
 
     def why_unusable(self, view_index: int) -> str:
         """Return why a view shows too little cloth to be part of a shape; empty if it shows enough."""
@@ -286,18 +277,3 @@ class Method(Protocol):
     def poses(self, document: Document) -> dict[int, Rigid3]:
         """Return ``object_from_camera`` of each accepted view; empty if the method registers none."""
         return {}
-
-    def side_of(self, document: Document, view_index: int) -> Side | None:
-        """Return the side that a view chosen by the operator extends; None if the method has no sides."""
-        return None
-
-    def continued(self, document: Document, view_index: int, side: Side | None) -> tuple[Side, int]:
-        """Return the side that a view extends, and the accepted view that it continues there.
-
-        By default this is the accepted view with the smallest rotation to it.
-        """
-        used = [v for v in (document.start_view, *(a.view_index for a in document.accepted)) if v is not None]
-        angles = np.asarray(self.angles_deg)
-        turns = wrapped_deg(angles[view_index] - angles[used])
-        nearest = int(np.argmin(np.abs(turns)))
-        return (Side.LEFT if turns[nearest] >= 0 else Side.RIGHT), used[nearest]

@@ -1,13 +1,11 @@
 """The registry of methods by name; no other module lists them.
 
-A method is added by one :func:`register` call below. Its modules are imported on first use, so that
+A method is added by its line in ``METHODS``. Its modules are imported on first use, so that
 ``flatcloth --help`` stays quick.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
@@ -16,30 +14,16 @@ from flatcloth.core.errors import ConfigError
 if TYPE_CHECKING:
     from flatcloth.methods.base import Method
 
-_LOADERS: dict[str, Callable[[], type[Method]]] = {}
-
-
-def register(name: str, load: Callable[[], type[Method]]) -> None:
-    """Register a method and what loads its class; the first registered one is the default.
-
-    Raises
-    ------
-    ConfigError
-        If a method of that name exists.
-    """
-    if name in _LOADERS:
-        raise ConfigError(f"A method {name!r} exists already; choose another name.")
-    _LOADERS[name] = load
-
-
-def unregister(name: str) -> None:
-    """Remove a method, e.g. after a test."""
-    del _LOADERS[name]
+METHODS = {
+    "robust": "flatcloth.methods.robust.method:RobustMethod",
+    "paper": "flatcloth.methods.paper.method:PaperMethod",
+}
+"""The class of each method by its name; the first one is the default."""
 
 
 def method_names() -> tuple[str, ...]:
     """Return the names of all methods, the default first."""
-    return tuple(_LOADERS)
+    return tuple(METHODS)
 
 
 def method_name(name: str | None = None) -> str:
@@ -50,16 +34,13 @@ def method_name(name: str | None = None) -> str:
     ConfigError
         If the name is unknown.
     """
-    chosen = next(iter(_LOADERS)) if name is None else name
-    if chosen not in _LOADERS:
-        raise ConfigError(f"Unknown method {chosen!r}; choose one of: {', '.join(_LOADERS)}.")
+    chosen = next(iter(METHODS)) if name is None else name
+    if chosen not in METHODS:
+        raise ConfigError(f"Unknown method {chosen!r}; choose one of: {', '.join(METHODS)}.")
     return chosen
 
 
 def load_method(name: str) -> type[Method]:
     """Return the class of a method; raises as :func:`method_name`."""
-    return _LOADERS[method_name(name)]()
-
-
-register("robust", partial(resolve_name, "flatcloth.methods.robust.method:RobustMethod"))
-register("paper", partial(resolve_name, "flatcloth.methods.paper.method:PaperMethod"))
+    found: type[Method] = resolve_name(METHODS[method_name(name)])
+    return found

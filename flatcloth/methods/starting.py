@@ -1,15 +1,18 @@
-"""The start view, and the desirable overlap, from what the views of a recording show (paper, 4.1)."""
+"""The start view, the desirable overlap, and the two sides of a growing shape (paper, 4.1)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from flatcloth.core.types import Float64, Progress, no_progress
 from flatcloth.methods.base import Views
-from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
+from flatcloth.session.document import Document, Side
 
+LEAST_COMPONENT_SHARE = 0.2
+"""Of a view's components, those with at least this share of the largest one's area are placed; components
+that overlap by less, or are known but for less, are different cloth, or nothing new. Set by hand."""
 OVERLAP_SHARE = LEAST_COMPONENT_SHARE
 """S_0 as a share of the largest area seen in one view, where it is not set.
 
@@ -61,3 +64,27 @@ def overlap_area_m2(views: Views) -> float:
 def _by_area(areas_m2: Float64) -> list[int]:
     order: list[int] = np.argsort(-areas_m2, kind="stable").tolist()
     return order
+
+
+def fronts(document: Document, angles_deg: Sequence[float]) -> dict[Side, tuple[int, float]]:
+    """Return for each side the outermost accepted view and its rotation from the start view (deg)."""
+    assert document.start_view is not None
+    start = document.start_view
+    outer = {Side.LEFT: (start, 0.0), Side.RIGHT: (start, 0.0)}
+    for added in document.accepted:
+        turn = (angles_deg[added.view_index] - angles_deg[start]) % 360.0
+        side = added.side or (Side.LEFT if turn <= 180.0 else Side.RIGHT)
+        covered = turn if side is Side.LEFT else (-turn) % 360.0
+        if covered > outer[side][1]:
+            outer[side] = (added.view_index, covered)
+    return outer
+
+
+def side_of(document: Document, angles_deg: Sequence[float], view_index: int) -> Side:
+    """Return the side that a view chosen by hand extends: the one whose front is nearer."""
+    outer = fronts(document, angles_deg)
+    beyond = {
+        Side.LEFT: (angles_deg[view_index] - angles_deg[outer[Side.LEFT][0]]) % 360.0,
+        Side.RIGHT: (angles_deg[outer[Side.RIGHT][0]] - angles_deg[view_index]) % 360.0,
+    }
+    return min(beyond, key=lambda side: beyond[side])

@@ -244,11 +244,6 @@ def accept(document: Document, score: float | None) -> Document:
     return replace(document, accepted=(*document.accepted, added), pending=None)
 
 
-def is_placed_with(pending: Pending, view_index: int, component: int) -> bool:
-    """Return whether a component would be placed together with the proposal's own."""
-    return any((p.view_index, p.component) == (view_index, component) for p in pending.also)
-
-
 def leave_out(document: Document, view_index: int, component: int) -> Document:
     """Leave out a component that would be placed with the proposal."""
     pending = document.pending

@@ -7,7 +7,8 @@ in the object frame, and on the plane at the time of the decision.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
+from typing import Any
 
 from flatcloth.core.errors import OutOfBoundsError
 
@@ -218,27 +219,19 @@ def without_doubts(decisions: GarmentDecisions) -> GarmentDecisions:
     return replace(decisions, parts=tuple(part for part in decisions.parts if not part.std_m))
 
 
-def _cloths(command: GarmentCommand) -> Iterator[ClothPlaces]:
-    match command:
-        case HoldPoint(point=point):
-            yield point.cloth
-        case DecidePiece(piece=place) | DecideLink(place=PlacedPiece() as place):
-            yield place.piece
-            yield place.shape
-    if isinstance(command, DecideLink):
-        yield command.part.part
-        yield command.part.rest
+def _cloths(value: Any) -> Iterator[ClothPlaces]:
+    """Yield the points of the cloth in a decision."""
+    if isinstance(value, ClothPlaces):
+        yield value
+    elif is_dataclass(value):
+        for each in vars(value).values():
+            yield from _cloths(each)
 
 
-def _numbers(command: GarmentCommand) -> Iterator[float]:
-    if isinstance(command, HoldPoint):
-        yield from command.point.uv_m
-    if isinstance(command, DecidePiece | DecideLink):
-        decided = command.piece if isinstance(command, DecidePiece) else command.part
-        yield from (decided.probability, decided.std_m)
-    if isinstance(command, DecideSeam):
-        for place in command.seam.points_m:
-            yield from place
-    for cloth in _cloths(command):
-        for point in (*cloth.points_m, *cloth.uv_m):
-            yield from point
+def _numbers(value: Any) -> Iterator[float]:
+    """Yield all numbers in a decision."""
+    if isinstance(value, float | int):
+        yield value
+    elif is_dataclass(value) or isinstance(value, tuple):
+        for each in value if isinstance(value, tuple) else vars(value).values():
+            yield from _numbers(each)

@@ -17,96 +17,251 @@ from enum import StrEnum
 from typing import Protocol
 
 from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
-from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke
+from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
 from flatcloth.session import document as edits
 from flatcloth.session import garment as garments
-from flatcloth.session.commands import (
-    Accept,
-    AcceptAll,
-    Cancel,
-    Command,
-    CutCloth,
-    Event,
-    Failed,
-    Followed,
-    LeaveOut,
-    NothingMore,
-    Nudge,
-    PaintImage,
-    PaintSpace,
-    Propose,
-    Proposed,
-    Redo,
-    Reject,
-    Reopen,
-    Restart,
-    Skip,
-    Start,
-    Started,
-    TakePart,
-    Undo,
-)
 from flatcloth.session.document import (
     MAX_ANSWER_M,
     MAX_EXTENT_M,
     MOST_PLACED_WITH,
     NO_COMPONENT,
-    UNSURE,
-    Accepted,
     Document,
-    Later,
     Pending,
     PlacedPart,
-    Rejected,
     Side,
-    Skipped,
 )
 from flatcloth.session.garment import GarmentCommand
 
-__all__ = [
-    "UNSURE",
-    "Accept",
-    "AcceptAll",
-    "Accepted",
-    "Cancel",
-    "Command",
-    "CutCloth",
-    "Document",
-    "Event",
-    "Failed",
-    "Followed",
-    "HistoryItem",
-    "Keeper",
-    "Later",
-    "LeaveOut",
-    "MemorySession",
-    "NothingMore",
-    "Nudge",
-    "PaintImage",
-    "PaintSpace",
-    "Pending",
-    "Phase",
-    "PlacedPart",
-    "Propose",
-    "Proposed",
-    "Redo",
-    "Reject",
-    "Rejected",
-    "Reopen",
-    "Request",
-    "Restart",
-    "SessionState",
-    "Side",
-    "Skip",
-    "Skipped",
-    "Start",
-    "Started",
-    "TakePart",
-    "Undo",
-    "apply",
-    "why_illegal",
-]
+# --- the operator's commands ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Start:
+    """Request the start view (None: the one with the largest observed area)."""
+
+    view_index: int | None = None
+
+
+@dataclass(frozen=True)
+class Propose:
+    """Request the next proposal (None: the planner chooses; otherwise the given view)."""
+
+    view_index: int | None = None
+
+
+@dataclass(frozen=True)
+class Accept:
+    """Add the pending view to the canonical shape; ``score`` is that of its placement, if known."""
+
+    view_index: int
+    score: float | None = None
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A view that is not part of the shape, and why."""
+
+    view_index: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class AcceptAll:
+    """Add views to the canonical shape, each where its cloth hangs, at once; ``left_out`` are those that are
+    not.
+    """
+
+    view_indices: tuple[int, ...]
+    left_out: tuple[LeftOut, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reject:
+    """Reject the pending view."""
+
+    view_index: int
+    reason: str = "wrong place"
+
+
+@dataclass(frozen=True)
+class Skip:
+    """Postpone the pending view: it is planned again when the shape has grown or the others are done."""
+
+    view_index: int
+
+
+@dataclass(frozen=True)
+class Reopen:
+    """Decide again about an accepted, rejected or skipped view; views accepted later then follow it."""
+
+    view_index: int
+
+
+@dataclass(frozen=True)
+class Nudge:
+    """Move the pending view on the plane of the current one: ``by @ placement``.
+
+    ``how`` is the gesture's name in the history: a move, or a fit of pairs of points.
+    """
+
+    view_index: int
+    by: Rigid2
+    how: str = "move"
+
+
+@dataclass(frozen=True)
+class TakePart:
+    """Place another component of the pending view, starting at the given placement."""
+
+    view_index: int
+    component: int
+    current_from_new: Rigid2
+
+
+@dataclass(frozen=True)
+class LeaveOut:
+    """Leave out a component that would be placed with the pending view: it waits."""
+
+    view_index: int
+    part_view: int
+    component: int
+
+
+@dataclass(frozen=True)
+class PaintImage:
+    """Set the side of the cloth under a stroke on an image; the views of the shape follow."""
+
+    stroke: ImageStroke
+
+
+@dataclass(frozen=True)
+class PaintSpace:
+    """Set the side of the cloth under a stroke in space, or on the canvas."""
+
+    stroke: SpaceStroke
+
+
+@dataclass(frozen=True)
+class CutCloth:
+    """Mark the cloth beyond a line as not of interest."""
+
+    stroke: Cut
+
+
+@dataclass(frozen=True)
+class Undo:
+    """Undo the last decision."""
+
+
+@dataclass(frozen=True)
+class Redo:
+    """Redo the decision that was undone last."""
+
+
+@dataclass(frozen=True)
+class Cancel:
+    """Cancel the running computation."""
+
+
+@dataclass(frozen=True)
+class Restart:
+    """Restart from the given start view or the largest one; this can be undone."""
+
+    view_index: int | None = None
+
+
+# --- the answers to the requests of a session ------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Started:
+    """Answer: the start view has been flattened."""
+
+    token: int
+    view_index: int
+
+
+@dataclass(frozen=True)
+class Proposed:
+    """Answer: a view was aligned; ``why`` gives the reason if it was not, and only a start is proposed.
+
+    ``also`` are further components, of this view or of accepted ones, that are placed with it.
+    """
+
+    token: int
+    view_index: int
+    current_from_new: Rigid2
+    side: Side | None = None
+    score: float = math.nan
+    component: int = 0
+    why: str = ""
+    also: tuple[PlacedPart, ...] = ()
+
+
+@dataclass(frozen=True)
+class Followed:
+    """Answer: the placement of a later view on the changed shape; ``why`` if it does not ``hold``."""
+
+    token: int
+    view_index: int
+    current_from_new: Rigid2
+    score: float = math.nan
+    component: int = 0
+    holds: bool = True
+    why: str = ""
+    also: tuple[PlacedPart, ...] = ()
+
+
+@dataclass(frozen=True)
+class NothingMore:
+    """Answer: no view can add anything, with the ``reason``."""
+
+    token: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Failed:
+    """Answer: the computation failed (whoever ran it reports the error)."""
+
+    token: int
+
+
+Paint = PaintImage | PaintSpace | CutCloth
+Command = (
+    Start
+    | Propose
+    | Accept
+    | AcceptAll
+    | Reject
+    | Skip
+    | Reopen
+    | Nudge
+    | TakePart
+    | LeaveOut
+    | Paint
+    | GarmentCommand
+    | Undo
+    | Redo
+    | Cancel
+    | Restart
+)
+Event = Started | Proposed | Followed | NothingMore | Failed
+
+
+def paint(decision: Decision) -> Paint:
+    """Return the command that makes a decision about sides."""
+    match decision:
+        case ImageStroke():
+            return PaintImage(decision)
+        case SpaceStroke():
+            return PaintSpace(decision)
+        case Cut():
+            return CutCloth(decision)
+
+
+# --- the state ------------------------------------------------------------------------------------
 
 
 class Phase(StrEnum):
@@ -188,60 +343,62 @@ class MemorySession:
 
 def why_illegal(state: SessionState, command: Command) -> str | None:
     """Return why the command is not allowed now, or None if it is allowed."""
-    if isinstance(command, Undo):
-        return None if state.undo else "There is nothing to undo."
-    if isinstance(command, Redo):
-        return None if state.redo else "There is nothing to redo."
-    if isinstance(command, Cancel):
-        return None if state.request else "Nothing is being computed."
-    if isinstance(command, Start | Propose | Restart | Reopen) and command.view_index is not None:
-        if not 0 <= command.view_index < state.n_views:
-            return f"View {command.view_index} does not exist; there are {state.n_views} views."
-    if isinstance(command, Restart):
+    document = state.document
+    match command:
+        case Undo():
+            return None if state.undo else "There is nothing to undo."
+        case Redo():
+            return None if state.redo else "There is nothing to redo."
+        case Cancel():
+            return None if state.request else "Nothing is being computed."
+        case Start() | Propose() | Restart() | Reopen() if command.view_index is not None:
+            if reason := _why_no_view(state, command.view_index):
+                return reason
+    match command:
+        case Restart():
+            return None
+        case PaintImage() | PaintSpace() | CutCloth():
+            if len(document.strokes) >= MOST_DECISIONS:
+                return f"The session has {MOST_DECISIONS} strokes, which is the most it can hold. Undo some."
+            return _why_no_view(state, command.stroke.view_index) if isinstance(command, PaintImage) else None
+        case decision if isinstance(decision, GarmentCommand):
+            return garments.why_not(document.garment, decision)
+        case _ if state.phase is Phase.COMPUTING:
+            return "A computation is running; wait for it or cancel it."
+        case Start():
+            return None if document.start_view is None else "The session has started; restart it instead."
+        case _ if document.start_view is None:
+            return "There is no start view yet. Start the session first."
+        case Propose(view_index=None):
+            return _why_undecided(document) or (None if document.later else document.finished)
+        case Propose(view_index=view):
+            return f"View {view} is already part of the shape." if view in document.used_views else None
+        case Reopen(view_index=view):
+            return _why_not_reopen(document, view)
+        case AcceptAll():
+            return _why_undecided(document) or _why_not_accept_all(state, command)
+    return _why_not_decide(document, command)
+
+
+def _why_no_view(state: SessionState, *views: int) -> str | None:
+    """Return that one of some views does not exist; None if all do."""
+    missing = [view for view in views if not 0 <= view < state.n_views]
+    return f"View {missing[0]} does not exist; there are {state.n_views} views." if missing else None
+
+
+def _why_undecided(document: Document) -> str | None:
+    if document.pending is None:
         return None
-    if isinstance(command, PaintImage | PaintSpace | CutCloth):
-        return _why_not_paint(state, command)
-    if isinstance(command, GarmentCommand):
-        return garments.why_not(state.document.garment, command)
-    if state.phase is Phase.COMPUTING:
-        return "A computation is running; wait for it or cancel it."
-    if isinstance(command, Start):
-        return None if state.document.start_view is None else "The session has started; restart it instead."
-    if state.document.start_view is None:
-        return "There is no start view yet. Start the session first."
-    if isinstance(command, Propose):
-        return _why_not_propose(state.document, command.view_index)
-    if isinstance(command, Reopen):
-        return _why_not_reopen(state.document, command.view_index)
-    if isinstance(command, AcceptAll):
-        return _why_not_accept_all(state, command)
-    return _why_not_decide(state.document, command)
-
-
-def _why_not_propose(document: Document, view_index: int | None) -> str | None:
-    if view_index is not None:
-        used = view_index in document.used_views
-        return f"View {view_index} is already part of the shape." if used else None
-    if document.pending is not None:
-        asked = document.pending.view_index
-        return f"Decide about view {asked} first: accept it, reject it or choose another."
-    return None if document.later else document.finished
+    view = document.pending.view_index
+    return f"Decide about view {view} first: accept it, reject it or choose another."
 
 
 def _why_not_accept_all(state: SessionState, command: AcceptAll) -> str | None:
-    document, views = state.document, (*command.view_indices, *(left.view_index for left in command.left_out))
-    if document.pending is not None:
-        return (
-            f"Decide about view {document.pending.view_index} first: accept it, reject it or choose another."
-        )
+    views = *command.view_indices, *(left.view_index for left in command.left_out)
     if len(set(views)) < len(views):
         return "A view is named twice."
-    for view in views:
-        if not 0 <= view < state.n_views:
-            return f"View {view} does not exist; there are {state.n_views} views."
-        if view in document.used_views:
-            return f"View {view} is already part of the shape."
-    return None
+    used = [view for view in views if view in state.document.used_views]
+    return _why_no_view(state, *views) or (f"View {used[0]} is already part of the shape." if used else None)
 
 
 def _why_not_reopen(document: Document, view_index: int) -> str | None:
@@ -251,14 +408,6 @@ def _why_not_reopen(document: Document, view_index: int) -> str | None:
         return f"View {view_index} is the proposal already."
     if view_index not in document.reopenable_views:
         return f"Nothing was decided about view {view_index} yet."
-    return None
-
-
-def _why_not_paint(state: SessionState, command: PaintImage | PaintSpace | CutCloth) -> str | None:
-    if isinstance(command, PaintImage) and not 0 <= command.stroke.view_index < state.n_views:
-        return f"View {command.stroke.view_index} does not exist; there are {state.n_views} views."
-    if len(state.document.strokes) >= MOST_DECISIONS:
-        return f"The session has {MOST_DECISIONS} strokes, which is the most it can hold. Undo some."
     return None
 
 
@@ -274,10 +423,12 @@ def _why_not_decide(
         by = command.by if isinstance(command, Nudge) else command.current_from_new
         if not all(math.isfinite(x) for x in (by.theta_rad, by.u_m, by.v_m)):
             return "A nudge needs finite numbers."
-    if isinstance(command, LeaveOut) and not edits.is_placed_with(
-        pending, command.part_view, command.component
-    ):
-        return f"Part {command.component + 1} of view {command.part_view} is not placed with the proposal."
+    if isinstance(command, LeaveOut):
+        placed = {(part.view_index, part.component) for part in pending.also}
+        if (command.part_view, command.component) not in placed:
+            return (
+                f"Part {command.component + 1} of view {command.part_view} is not placed with the proposal."
+            )
     return None
 
 
@@ -304,9 +455,8 @@ def _check_answer(state: SessionState, event: Event) -> None:
     if not isinstance(event, Started | Proposed | Followed):
         return
     also = () if isinstance(event, Started) else event.also
-    for view in (event.view_index, *(part.view_index for part in also)):
-        if not 0 <= view < state.n_views:
-            raise OutOfBoundsError(f"View {view} does not exist; there are {state.n_views} views.")
+    if reason := _why_no_view(state, event.view_index, *(part.view_index for part in also)):
+        raise OutOfBoundsError(reason)
     if isinstance(event, Started):
         return
     if len(also) > MOST_PLACED_WITH:

@@ -20,7 +20,6 @@ from flatcloth.core.errors import JournalError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.recordings.base import Recording
-from flatcloth.session.axis_file import write_axis
 from flatcloth.session.header import Header, grown, settle_header, write_header
 from flatcloth.session.journal import (
     JOURNAL,
@@ -34,6 +33,7 @@ from flatcloth.session.journal import (
     read_journal,
 )
 from flatcloth.session.journal_file import JournalFile, LockedError, open_locked
+from flatcloth.session.kept import write_axis
 from flatcloth.session.machine import Cancel, SessionState
 
 _log = logging.getLogger(__name__)
@@ -72,30 +72,31 @@ class SessionFolder:
             If the folder cannot be written, is in use by another process, belongs to another
             recording, method or configuration, or its journal is damaged before its last line.
         """
-        lock_fd: int | None = None
-        opened: SessionFolder | None = None
         try:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            lock_fd = _lock(folder)
-            header = settle_header(folder, recording, config, method)
-            opened = cls(folder, header, lock_fd, JournalFile(folder / JOURNAL))
-            sync_folder(folder)
-            opened._check_owner()
-            opened._resume()
+            with contextlib.ExitStack() as stack:  # what was opened is closed where the rest fails
+                lock_fd = _lock(folder)
+                stack.callback(os.close, lock_fd)
+                header = settle_header(folder, recording, config, method)
+                journal = JournalFile(folder / JOURNAL)
+                stack.callback(journal.close)
+                opened = cls(folder, header, lock_fd, journal)
+                sync_folder(folder)
+                opened._check_owner()
+                opened._resume()
+                stack.pop_all()
+            return opened
         except LockedError as error:
-            _close(opened, lock_fd)
-            raise _in_use(folder, error.owner or "unknown") from error
+            raise JournalError(
+                f"{folder}: the session is open in another flatcloth (process {error.owner or 'unknown'}). "
+                "Use that one, end it, or choose another session folder."
+            ) from error
         except OSError as error:
-            _close(opened, lock_fd)
             name = "" if error.filename is None else f"{Path(os.fsdecode(error.filename)).name}: "
             raise JournalError(
                 f"{folder}: cannot be used as session folder ({name}{error.strerror})."
                 " Choose a writable folder, by --session or --out, or set XDG_STATE_HOME to one."
             ) from error
-        except BaseException:
-            _close(opened, lock_fd)
-            raise
-        return opened
 
     @property
     def folder(self) -> Path:
@@ -278,20 +279,6 @@ def _lock(folder: Path) -> int:
     os.ftruncate(fd, 0)
     os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
     return fd
-
-
-def _in_use(folder: Path, owner: str) -> JournalError:
-    return JournalError(
-        f"{folder}: the session is open in another flatcloth (process {owner}). "
-        "Use that one, end it, or choose another session folder."
-    )
-
-
-def _close(opened: SessionFolder | None, lock_fd: int | None) -> None:
-    if opened is not None:
-        opened.close()
-    elif lock_fd is not None:
-        os.close(lock_fd)
 
 
 def _coordinates(values: Floats) -> tuple[Coordinate, Coordinate, Coordinate]:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from flatcloth.session.document import Document, Pending
 from flatcloth.session.machine import (
     Accept,
     Command,
-    Document,
     LeaveOut,
     Nudge,
-    Pending,
     Phase,
     Propose,
     Reject,

@@ -18,7 +18,7 @@ from flatcloth.recordings.manifest import HEADER as MANIFEST
 from flatcloth.recordings.source import SourceOptions
 from flatcloth.session.header import HEADER, Header, read_header, state_folder
 from flatcloth.session.journal import JOURNAL
-from flatcloth.session.summary import read_summary
+from flatcloth.session.kept import read_summary
 
 MOST_SESSIONS = 12
 """Sessions that are listed. Chosen: what a page shows without scrolling."""

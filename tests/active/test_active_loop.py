@@ -35,8 +35,7 @@ from flatcloth.active.loop import ActiveLoop
 from flatcloth.api.integrating import open_session
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.fit import OUTLINE_STD_M, Fit
@@ -286,10 +285,10 @@ def test_both_sides_are_asked_while_the_item_turns_until_enough_is_surely_known(
 
     def by_both(
         integration: Integration, document: Document, *, doubts_links: bool
-    ) -> tuple[BothSides, KnownGarment | None]:
+    ) -> tuple[GarmentService, KnownGarment | None]:
         turned.wait()
         asked.append((len(integration.views.angles_deg), doubts_links))
-        return BothSides(integration), sure if len(asked) in knows else None
+        return GarmentService(integration), sure if len(asked) in knows else None
 
     monkeypatch.setattr("flatcloth.active.learning.known_by_both", by_both)
     cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", parse_goal("points:waist_left"))

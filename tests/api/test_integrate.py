@@ -16,7 +16,7 @@ import flatcloth
 from flatcloth.core.errors import ConfigError, JournalError
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.hand_eye import HandEyeError
-from flatcloth.session.summary import read_summary
+from flatcloth.session.kept import read_summary
 
 ANGLES_DEG = (-25.0, 0.0, 25.0)
 

@@ -16,7 +16,7 @@ from flatcloth.checking.lens import FOCAL_STD
 from flatcloth.checking.result import LEAST_VIEWS, contradicting_views, is_hopeless, wrong_with
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import object_from_camera
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.trust import Trust
 from flatcloth.export.garment import lines_of
 from flatcloth.garments.deciding import DecidedPieces
@@ -136,7 +136,7 @@ def service_of(found, monkeypatch, wrong=(), focal_factor=1.0):
     recording = SimpleNamespace(mends=Mends(focal_factor=focal_factor))
     integration = SimpleNamespace(
         recording=recording,
-        algorithm=SimpleNamespace(is_unattended=False),
+        is_unattended=False,
         laid_out=lambda _: shape,
         wrong=lambda _: wrong,
         trust=Trust(recording),
@@ -204,7 +204,7 @@ def test_a_finished_run_says_that_it_may_be_none_of_the_kinds(monkeypatch):
 
 def test_no_garment_is_tried_on_an_unattended_result_that_is_wrong(monkeypatch):
     integration = SimpleNamespace(
-        algorithm=SimpleNamespace(is_unattended=True),
+        is_unattended=True,
         laid_out=lambda _: SimpleNamespace(),
         wrong=lambda _: ["88% of the cloth floats"],
     )

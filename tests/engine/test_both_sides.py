@@ -13,10 +13,9 @@ import flatcloth
 from flatcloth.api.integrating import integrate
 from flatcloth.cli import main
 from flatcloth.core.resources import sample_recordings
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.recognition import GarmentService
+from flatcloth.engine.evaluation import OtherTruth, compare_sides
+from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
 from flatcloth.export.garment import garment_document, other_points
 from flatcloth.garments.distance import to_edges
 from flatcloth.recordings import open_recording
@@ -58,13 +57,13 @@ def test_the_other_side_lies_where_the_pattern_has_it(shape, place: str):
 
 
 def test_every_view_of_the_other_side_is_used_where_its_cloth_hangs(shape):
-    ((_, (other, its)),) = shape.data.both.__self__._others.items()
+    _, other, its = shape.data.garments.other(shape.data.document)
     assert len(its.used_views) > 0.9 * len(other.recording)
     assert not its.placed_components  # none was searched
 
 
 def test_where_the_cameras_stood_is_known_without_flattening_views_again(shape, monkeypatch):
-    ((_, (other, its)),) = shape.data.both.__self__._others.items()
+    _, other, its = shape.data.garments.other(shape.data.document)
     monkeypatch.setattr(other.views, "flattening", lambda _: pytest.fail("a view is flattened again"))
     poses, own = (each.poses(done) for each, done in ((other.algorithm, its), _own(shape)))
     assert poses.keys() == its.used_views
@@ -135,7 +134,7 @@ def test_with_one_side_nothing_of_the_other_is_left(shape, tmp_path: Path):
 
 def test_the_papers_method_has_one_side(place: str):
     integration = Integration(open_recording(place), method="paper")
-    assert BothSides(integration).of(Document(start_view=0)) == (
+    assert GarmentService(integration).joined(Document(start_view=0)) == (
         "Only one side is in the shape: the method paper integrates one."
     )
 
@@ -148,7 +147,7 @@ def test_masks_that_name_both_sides_are_taken_as_they_are(place: str):
         return images_of(recording[view])._replace(other_mask=its[view].outer_face)
 
     integration = Integration(altered(recording, read=named))
-    mask_of = BothSides(integration)._masks(Document(), lambda share, text: None)
+    mask_of = GarmentService(integration)._masks(Document(), lambda share, text: None)
     for view in (0, 9):
         assert np.array_equal(mask_of(integration.views.frame(view)), its[view].outer_face)
 

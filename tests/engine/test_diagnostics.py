@@ -12,7 +12,7 @@ from viewer_fakes import RADIUS_M
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.diagnostics import reasons
-from flatcloth.session.machine import Side
+from flatcloth.session.document import Side
 
 LIMIT_DEG = Config().planning.z_angle_limit_deg
 
@@ -21,7 +21,7 @@ def test_the_view_that_the_paper_would_continue_is_named():
     found = reasons(CylinderViews(), proposed(1))
     # The view 30 deg on: the item has turned to the right, its left side is new.
     assert (found.side, found.front_view, found.turn_deg) == (Side.LEFT, 0, pytest.approx(30.0))
-    assert reasons(CylinderViews("paper"), proposed(1, Side.RIGHT)).side is Side.RIGHT  # as it was planned
+    assert reasons(CylinderViews(), proposed(1, Side.RIGHT)).side is Side.RIGHT  # as it was planned
     back = reasons(CylinderViews(), proposed(11))
     assert (back.side, back.turn_deg) == (Side.RIGHT, pytest.approx(-30.0))
 

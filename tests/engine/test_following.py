@@ -12,15 +12,15 @@ from viewer_fakes import cylinder_view
 
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.engine.following import laid_beside
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import outcome_of
+from flatcloth.engine.placing import laid_beside
 from flatcloth.engine.sheet import lay_out, place_of_piece
 from flatcloth.methods.registry import method_names
+from flatcloth.session.document import Document, Side
 from flatcloth.session.machine import (
     Accept,
-    Document,
     MemorySession,
     Nudge,
     Phase,
@@ -28,7 +28,6 @@ from flatcloth.session.machine import (
     Reject,
     Reopen,
     SessionState,
-    Side,
     Skip,
     Start,
     TakePart,

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import threading
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -16,13 +15,13 @@ from flatcloth.core.errors import FlatclothError, FlatteningError
 from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.pixel_states import pixel_counts
+from flatcloth.engine.result import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
 from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace
+from flatcloth.session.document import UNSURE, Side
 from flatcloth.session.garment import DecideLink
 from flatcloth.session.machine import (
-    UNSURE,
     Accept,
     MemorySession,
     NothingMore,
@@ -32,7 +31,6 @@ from flatcloth.session.machine import (
     Proposed,
     Reject,
     SessionState,
-    Side,
     Start,
     Undo,
     apply,
@@ -207,30 +205,6 @@ def test_without_masks_or_axis_the_notes_say_so() -> None:
     state = started(made)
     assert made.canonical(state.document).view.valid.any()
     assert isinstance(made.answer(state.document, apply(state, Propose()).request), NothingMore)  # type: ignore[arg-type]
-
-
-def test_flattening_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither the views that are used nor their shape, nor which views are known to be unusable."""
-    results, threads = [], []
-    for cores in (1, 2):
-        made = Integration(Cylinder(angles_deg=STEPS[::2], span_deg=(-100.0, 100.0)))
-        flatten, own = made.views._flatten, set[str]()
-
-        def watched(view: int, flatten: Any = flatten, own: set[str] = own) -> Any:
-            own.add(threading.current_thread().name)
-            return flatten(view)
-
-        monkeypatch.setattr(made.views, "_flatten", watched)
-        state = Run(made, MemorySession(SessionState(len(STEPS[::2])))).finish(cores=cores)
-        made.views._flattening_ahead.wait()
-        results.append((state.document, made.canonical(state.document).view, made.views.unusable()))
-        threads.append(own)
-    assert threads == [{"MainThread"}, {"MainThread", "flatcloth-ahead_0"}]
-    (document, view, unusable), (other, same, also) = results
-    assert document == other
-    assert unusable == also
-    for name in ("xyz_m", "source_rc", "placement_std_m"):
-        np.testing.assert_array_equal(getattr(view, name), getattr(same, name))
 
 
 def one_accepted(made: Integration) -> SessionState:

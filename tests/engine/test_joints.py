@@ -15,13 +15,13 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import MIRROR, Rigid2
+from flatcloth.engine.joints import Alternative, alternatives, joints_of, with_places
 from flatcloth.engine.outcome import lines_of
-from flatcloth.engine.results.joints import Alternative, alternatives, joints_of, with_places
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.methods.answers import Seam
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 from flatcloth.shape.joints import false_share
 from flatcloth.viewer.modes.joints import JointService
 from flatcloth.viewer.protocol.messages import DecideJoint

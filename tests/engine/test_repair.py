@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,8 +10,7 @@ from sheet_runs import STEPS, done, shared
 
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.repair import fit_pairs
-from flatcloth.methods.answers import AlignmentScore
+from flatcloth.engine.placing import fit_pairs
 from flatcloth.methods.registry import method_names
 from flatcloth.session.machine import Accept, Nudge, Propose, SessionState, Start, apply
 
@@ -74,5 +71,3 @@ def test_the_distance_that_is_told_is_that_of_the_method() -> None:
         made, state = proposed(method)
         score = made.score(state.document)
         assert score.apart_mm == pytest.approx(score.parts[part])
-    assert AlignmentScore(0.0, {}).apart_mm is None
-    assert AlignmentScore(0.0, {"place_median_mm": math.nan}, "place_median_mm").apart_mm is None

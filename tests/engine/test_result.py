@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from exported_sessions import cylinder_session
 
-from flatcloth.engine.results.pixel_states import pixel_counts, pixel_states
-from flatcloth.engine.results.result import Areas, left_out
+from flatcloth.engine.result import Areas, left_out, pixel_counts, pixel_states
 from flatcloth.export.session import OpenedSession
 from flatcloth.flattening.pixel_states import PixelState
 from flatcloth.rendering.sides import state_legend, state_rgba
-from flatcloth.session.machine import Rejected
+from flatcloth.session.document import Rejected
 
 
 @pytest.fixture(scope="module")

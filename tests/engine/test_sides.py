@@ -16,7 +16,7 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import MOST_VIEWS, prepare
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 
 ANGLES = (0.0, 20.0)
 LEFT_HALF = ImageStroke(side="other", view_index=0, points_rc=((0.0, 0.0),))

@@ -14,7 +14,8 @@ from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import KEPT, NEW, NEW_OF_BOTH, OLD_OF_BOTH, Parameters, Teaching, paper_config
 from flatcloth.methods.registry import method_names
-from flatcloth.session.machine import Document, Pending, Request
+from flatcloth.session.document import Document, Pending
+from flatcloth.session.machine import Request
 
 ANGLES_DEG = tuple(10.0 * n for n in range(36))
 CLOTH = {"angles_deg": ANGLES_DEG, "span_deg": (-150.0, 60.0)}

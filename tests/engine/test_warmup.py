@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from flatcloth.core.errors import CancelledError
+from flatcloth.engine import kernels as table
 from flatcloth.engine import warmup
-from flatcloth.engine.kernels import table
-from flatcloth.engine.kernels.table import Kernel
+from flatcloth.engine.kernels import Kernel
 
 
 def function() -> None:

@@ -12,6 +12,7 @@ import pytest
 from exported_sessions import cylinder_session
 
 from flatcloth.core.types import MIRROR
+from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.outcome import other_side_lines
 from flatcloth.export.animation import frames
 from flatcloth.export.figures import both_sides
@@ -53,17 +54,15 @@ class Both:
         other = Canonical(view=self.view, current_from_view={})
         self.sides = JoinedSides(other=other, seams=(seam,), is_related=True)
 
-    def of(self, _document, _progress=None, _cores=1) -> JoinedSides:
+    def joined(self, _document, _progress=None) -> JoinedSides:
         return self.sides
-
-    def known(self, _document) -> None:
-        """The garment is recognised by this side: the other has no views."""
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     made = cylinder_session(tmp_path_factory.mktemp("both"))
     both = Both(made)
+    made.kept.garments = GarmentService(made.integration)  # by this side: the other has no views
     made.kept.both = lambda: both  # type: ignore[assignment,return-value]
     return made
 

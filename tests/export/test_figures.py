@@ -21,7 +21,7 @@ from PIL import Image
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import KnownGarment
 from flatcloth.export.by_name import made
 from flatcloth.export.figures import all_figures, garment, maps, plan_of, side_of
 from flatcloth.export.report import report
@@ -29,7 +29,7 @@ from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import Plan
 from flatcloth.rendering.drawing import add_ramp, drawn, nice_below, painted, show_picture, svg_of
 from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, PlanePicture, cropped, laid_on
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 
 SVG = "{http://www.w3.org/2000/svg}"
 

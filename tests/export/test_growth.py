@@ -16,7 +16,7 @@ from flatcloth.core.cache import size_in_bytes
 from flatcloth.core.errors import JournalError, RecordingError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.result import at_step
+from flatcloth.engine.result import at_step
 from flatcloth.engine.sheet import lay_out
 from flatcloth.export.figures import picture_before
 from flatcloth.export.growth import Kept, colors_of, grow, key_of
@@ -24,9 +24,9 @@ from flatcloth.export.report import _floating
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.garments.deciding import placed_piece
 from flatcloth.methods.answers import Canonical
-from flatcloth.session.axis_file import write_axis
+from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import GarmentDecisions, PlacedPiece
-from flatcloth.session.machine import Accepted, Document
+from flatcloth.session.kept import write_axis
 
 
 def test_each_step_shows_what_the_shape_was(session: OpenedSession) -> None:

@@ -22,8 +22,8 @@ from flatcloth.export.files import write_text
 from flatcloth.export.report import differences, report
 from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.pictures import Camera, camera_around, paint_points
+from flatcloth.session.document import Document
 from flatcloth.session.header import Header
-from flatcloth.session.machine import Document
 
 
 def words(text: str) -> str:

@@ -10,7 +10,7 @@ from flatcloth.core.types import Rigid2
 from flatcloth.export.history import BELOW, BY_HAND, LOW, OVERRIDDEN, Flags, overridden
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
-from flatcloth.session.machine import Accepted
+from flatcloth.session.document import Accepted
 
 
 @pytest.mark.parametrize(

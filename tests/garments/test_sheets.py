@@ -10,7 +10,7 @@ import pytest
 from garment_evidence import at_mean, blank_view
 
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.engine.garment.recognition import _with_joined
+from flatcloth.engine.garment import _with_joined
 from flatcloth.garments.distance import inside_outline, to_edges
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.example import seen_outline
@@ -124,7 +124,7 @@ def test_what_seams_join_to_a_floating_piece_is_evidence_of_its_place(
         assert {id(each) for each in rest} == {id(views[0]), id(views[1])}
         return other
 
-    monkeypatch.setattr("flatcloth.engine.garment.recognition.evidence_of", evidence)
+    monkeypatch.setattr("flatcloth.engine.garment.evidence_of", evidence)
     seam = Seam(
         this_piece=2, other_piece=2, this_uv_m=outline, other_uv_m=its_uv_m, xyz_m=np.zeros((4, 3)),
         views=np.zeros((4, 2), dtype=np.int16), residual_m=np.zeros(4), why=why,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +13,11 @@ from flatcloth.cli import main
 from flatcloth.core.errors import ConfigError
 from flatcloth.core.types import Progress, Rigid2, no_progress
 from flatcloth.export.data import read_shape
-from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.flattening.resampling import place
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method, Views
-from flatcloth.methods.edges import edges_of_parts
-from flatcloth.methods.registry import load_method, method_name, method_names, register, unregister
-from flatcloth.session.machine import Document, Later, PlacedPart, Side
+from flatcloth.methods.registry import METHODS, load_method, method_name, method_names
+from flatcloth.session.document import Document, Later, Side
 
 MOST_VIEWS = 3
 
@@ -67,17 +65,11 @@ class SideBySide(Method):
     def carried(self, document: Document, later: Later) -> Rigid2:
         return later.decision.current_from_new
 
-    def surface_edges(self, document: Document) -> SurfaceEdges:
-        assert document.start_view is not None
-        part = PlacedPart(document.start_view, 0, Rigid2())
-        return edges_of_parts(self._views, self.angles_deg, [part])
-
 
 @pytest.fixture
-def toy() -> Iterator[str]:
-    register(SideBySide.name, lambda: SideBySide)
-    yield SideBySide.name
-    unregister(SideBySide.name)
+def toy(monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setitem(METHODS, SideBySide.name, f"{__name__}:SideBySide")
+    return SideBySide.name
 
 
 def test_a_registered_method_runs_from_the_command_line(
@@ -95,7 +87,7 @@ def test_a_registered_method_runs_from_the_command_line(
     assert "side-by-side" not in capsys.readouterr().err
 
 
-def test_the_default_is_the_method_registered_first() -> None:
+def test_the_default_is_the_first_method() -> None:
     assert method_name() == method_names()[0] == "robust"
 
 
@@ -107,8 +99,3 @@ def test_every_method_is_loaded_under_its_own_name(name: str) -> None:
 def test_an_unknown_name_tells_which_there_are() -> None:
     with pytest.raises(ConfigError, match="Unknown method 'best'; choose one of: robust, paper"):
         method_name("best")
-
-
-def test_a_name_is_given_once(toy: str) -> None:
-    with pytest.raises(ConfigError, match="'side-by-side' exists already"):
-        register(toy, lambda: SideBySide)

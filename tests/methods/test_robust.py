@@ -14,8 +14,8 @@ from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import CONTRADICTS, Integration
 from flatcloth.registration.registered import describe
+from flatcloth.session.document import UNSURE
 from flatcloth.session.machine import (
-    UNSURE,
     Accept,
     MemorySession,
     Nudge,

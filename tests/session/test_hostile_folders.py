@@ -18,20 +18,10 @@ from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBound
 from flatcloth.core.plain_files import open_own, replace_file
 from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.export.history import read_history
-from flatcloth.session.axis_file import write_axis
+from flatcloth.session.document import PlacedPart
 from flatcloth.session.journal import encode
-from flatcloth.session.machine import (
-    Command,
-    Event,
-    Nudge,
-    PlacedPart,
-    Propose,
-    Proposed,
-    Start,
-    Started,
-    Undo,
-    apply,
-)
+from flatcloth.session.kept import write_axis
+from flatcloth.session.machine import Command, Event, Nudge, Propose, Proposed, Start, Started, Undo, apply
 
 # --- while it is open -----------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ from journal_script import AGAIN, CLOTH, CUT, SCRIPT, idle, opened, played_in, r
 from flatcloth.core.errors import IllegalDecisionError, JournalError
 from flatcloth.core.strokes import ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
-from flatcloth.session.commands import LeftOut, paint
+from flatcloth.session.document import PlacedPart, Side
 from flatcloth.session.garment import (
     DecidedSeam,
     DecideLink,
@@ -31,12 +31,12 @@ from flatcloth.session.machine import (
     Command,
     Event,
     LeaveOut,
+    LeftOut,
     Nudge,
     Phase,
-    PlacedPart,
     Propose,
     Proposed,
-    Side,
+    paint,
 )
 from flatcloth.session.store import SessionFolder
 

@@ -11,22 +11,19 @@ from journal_script import CUT, THREE, after, at
 from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.core.strokes import ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
-from flatcloth.session.commands import LeftOut, paint
+from flatcloth.session.document import UNSURE, Document, Pending, PlacedPart, Side
 from flatcloth.session.machine import (
-    UNSURE,
     Accept,
     AcceptAll,
     Cancel,
     Command,
-    Document,
     Event,
     Failed,
     Followed,
     LeaveOut,
+    LeftOut,
     NothingMore,
     Nudge,
-    Pending,
-    PlacedPart,
     Propose,
     Proposed,
     Redo,
@@ -34,13 +31,13 @@ from flatcloth.session.machine import (
     Reopen,
     Restart,
     SessionState,
-    Side,
     Skip,
     Start,
     Started,
     TakePart,
     Undo,
     apply,
+    paint,
     why_illegal,
 )
 

@@ -16,12 +16,12 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
+from flatcloth.session.document import Document, Side
 from flatcloth.session.machine import (
     Accept,
     Cancel,
     Command,
     CutCloth,
-    Document,
     Event,
     Failed,
     Followed,
@@ -38,7 +38,6 @@ from flatcloth.session.machine import (
     Reopen,
     Restart,
     SessionState,
-    Side,
     Skip,
     Start,
     Started,

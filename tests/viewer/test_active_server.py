@@ -31,7 +31,7 @@ from websockets.sync.client import connect
 from flatcloth.active.incoming import SeenView
 from flatcloth.active.service import ActiveService
 from flatcloth.core.geometry import camera_from_object
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import KnownGarment
 from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.named_points import Point
 from flatcloth.garments.recognition import Recognition

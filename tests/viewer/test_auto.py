@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from flatcloth.core.types import Rigid2
-from flatcloth.session.machine import Document, Pending, Propose, Reject, SessionState, Undo
+from flatcloth.session.document import Document, Pending
+from flatcloth.session.machine import Propose, Reject, SessionState, Undo
 from flatcloth.viewer import auto
 from flatcloth.viewer.protocol.settings import Settings
 from flatcloth.viewer.protocol.state import AutoInfo

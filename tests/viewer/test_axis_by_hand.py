@@ -16,7 +16,7 @@ from viewer_fakes import CylinderIntegration, MemoryFolder
 from flatcloth.core.errors import JournalError
 from flatcloth.core.types import RotationAxis
 from flatcloth.engine.integration import Integration
-from flatcloth.session.axis_file import FILE, read_axis, settle_axis, write_axis
+from flatcloth.session.kept import AXIS_FILE, read_axis, settle_axis, write_axis
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
@@ -140,7 +140,7 @@ def test_an_estimated_axis_belongs_to_the_session_and_a_set_one_replaces_it(tmp_
 
 def test_a_recorded_axis_is_not_written_beside_the_session(tmp_path: Path) -> None:
     settle_axis(tmp_path, Integration(Cylinder(angles_deg=(0.0,))).views)
-    assert not (tmp_path / FILE).exists()
+    assert not (tmp_path / AXIS_FILE).exists()
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_a_recorded_axis_is_not_written_beside_the_session(tmp_path: Path) -> No
 )
 def test_a_damaged_axis_is_one_line(tmp_path: Path, change: dict[str, Any] | None) -> None:
     write_axis(tmp_path, AXIS)
-    path = tmp_path / FILE
+    path = tmp_path / AXIS_FILE
     path.write_text("{" if change is None else json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(JournalError, match="damaged") as caught:
         read_axis(tmp_path)
@@ -168,6 +168,6 @@ def test_a_damaged_axis_is_one_line(tmp_path: Path, change: dict[str, Any] | Non
 def test_an_axis_that_cannot_be_written_or_read_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(JournalError, match="cannot be written"):
         write_axis(tmp_path / "nowhere", AXIS)
-    (tmp_path / FILE).mkdir()
+    (tmp_path / AXIS_FILE).mkdir()
     with pytest.raises(JournalError, match="cannot be read"):
         read_axis(tmp_path)

@@ -14,7 +14,8 @@ from viewer_fakes import point_on_cylinder
 from flatcloth.core.errors import FlatclothError, FlatteningError, JournalError
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.paper.merging import shows
-from flatcloth.session.machine import Cancel, Followed, Nudge, PlacedPart, Reject, Reopen
+from flatcloth.session.document import PlacedPart
+from flatcloth.session.machine import Cancel, Followed, Nudge, Reject, Reopen
 from flatcloth.viewer.modes.controller import MOST_WAITING
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened

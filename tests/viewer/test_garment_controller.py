@@ -14,8 +14,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.deciding import place_sure_pieces
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import KnownGarment, place_sure_pieces
 from flatcloth.export.garment import garment_document, lines_of, outcome_entry
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import DecidedPieces, decided_parts, decided_pieces

@@ -30,15 +30,15 @@ class Both:
         self.trouble = ""
         self.laid: tuple[LaidPiece, ...] = ()
         self.asked: list = []
-        self.joined: list = []
+        self.made_of: list = []
         self.view = cylinder_view({6: 180.0})
 
-    def of(self, document, progress, check) -> JoinedSides | str:
+    def joined(self, document, progress, check) -> JoinedSides | str:
         self.asked.append(document)
         progress(0.3, "flattening view 7")
         assert self.gate.wait(20)
         check()
-        self.joined.append(document)
+        self.made_of.append(document)
         if self.trouble:
             return self.trouble
         seams = document.garment.seams
@@ -99,7 +99,7 @@ def test_the_other_side_is_computed_when_it_is_asked_for_and_its_progress_told(s
     assert (seam["this_views"], seam["other_views"]) == ([1], [6])
     assert seam["residual_mm"] == pytest.approx([3.0, 4.6])
     assert [len(document.accepted) for document in both.asked] == [0, 1]
-    assert [len(document.accepted) for document in both.joined] == [1]
+    assert [len(document.accepted) for document in both.made_of] == [1]
 
 
 def test_why_there_is_no_other_side_is_told_and_the_papers_method_has_none(server, both, integration):

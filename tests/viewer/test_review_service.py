@@ -11,9 +11,9 @@ from route_client import RouteClient
 from scenes import AXIS
 
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.results.result import More, Result
+from flatcloth.engine.result import More, Result
+from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
-from flatcloth.session.machine import Accepted, Document
 from flatcloth.viewer.modes import review
 from flatcloth.viewer.modes.review import ReviewService
 

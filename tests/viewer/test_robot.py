@@ -26,7 +26,8 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import grasp_at
 from flatcloth.recordings import open_recording
-from flatcloth.session.machine import Document, Start
+from flatcloth.session.document import Document
+from flatcloth.session.machine import Start
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.messages import parsed
 from flatcloth.viewer.routes.robot import RobotAnswers

@@ -12,7 +12,7 @@ from scenes import Cylinder
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.integration import Integration
-from flatcloth.session.machine import Document
+from flatcloth.session.document import Document
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol.messages import StrokeImage
 from flatcloth.viewer.worker import Executor

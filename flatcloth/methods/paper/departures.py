@@ -23,7 +23,7 @@ from flatcloth.methods.paper.alignment import align_from, correspond, from_lines
 from flatcloth.methods.paper.matching import LEAST_OVERLAP_SHARE, Matcher
 from flatcloth.methods.paper.merging import Renewed, covered_share, without
 from flatcloth.methods.paper.places import from_places
-from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
+from flatcloth.methods.starting import LEAST_COMPONENT_SHARE
 from flatcloth.session.document import Document, PlacedPart
 
 Aligner = Callable[[], Alignment]

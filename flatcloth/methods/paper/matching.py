@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 from flatcloth.core.compiled import njit
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import height_m, horizontal_axes, z_angle_deg
-from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigid2, RotationAxis, no_progress
+from flatcloth.core.types import (
+    FlattenedView,
+    Float32,
+    Float64,
+    Progress,
+    Rigid2,
+    RotationAxis,
+    finite,
+    no_progress,
+)
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.sampling import BENT_DEG
 from flatcloth.methods.answers import AlignmentScore
@@ -208,7 +217,8 @@ class Matcher:
             "overlap_cm2": area * 1e4,
             "overlap_share": share,
         }
-        return AlignmentScore(self.total(parts) * min(1.0, area / _ENOUGH_OVERLAP_M2), parts, "height_rms_mm")
+        total = self.total(parts) * min(1.0, area / _ENOUGH_OVERLAP_M2)
+        return AlignmentScore(total, parts, finite(parts["height_rms_mm"]))
 
     def total(self, parts: dict[str, float]) -> float:
         """Return the score of a sufficient overlap."""

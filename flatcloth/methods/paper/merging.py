@@ -24,7 +24,7 @@ from flatcloth.flattening.resampling import (
     sample_at,
 )
 from flatcloth.methods.answers import Canonical
-from flatcloth.session.machine import PlacedPart, Side
+from flatcloth.session.document import PlacedPart, Side
 
 
 @dataclass(frozen=True, kw_only=True)

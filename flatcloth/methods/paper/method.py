@@ -14,18 +14,15 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
-from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.methods.answers import Alignment, AlignmentScore, Placement, Plan
 from flatcloth.methods.base import Focus, Views
-from flatcloth.methods.edges import edges_of_parts
 from flatcloth.methods.paper.alignment import align_from, correspond, from_lines
 from flatcloth.methods.paper.departures import Departures
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import Renewed, begin, lay_over, renew
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.paper.planning import choose, column_curves, plan_side
-from flatcloth.methods.sides import fronts, side_of
-from flatcloth.methods.starting import overlap_area_m2, start_by_component
+from flatcloth.methods.starting import fronts, overlap_area_m2, start_by_component
 from flatcloth.session.document import Accepted, Document, Later, PlacedPart, Side
 
 
@@ -33,6 +30,7 @@ class PaperMethod(Departures):
     """The paper's section 4; see :class:`flatcloth.methods.base.Method`."""
 
     name = "paper"
+    has_sides = True
 
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
         super().__init__(views, angles_deg)
@@ -187,16 +185,3 @@ class PaperMethod(Departures):
         return current_from_view[document.start_view] @ motion
 
     # ------------------------------------------------- what the rest of the program asks
-
-    def side_of(self, document: Document, view_index: int) -> Side | None:
-        """Return the side that a view chosen by the operator extends."""
-        return side_of(document, self.angles_deg, view_index)
-
-    def continued(self, document: Document, view_index: int, side: Side | None) -> tuple[Side, int]:
-        """Return the side and its outermost accepted view."""
-        side = side or side_of(document, self.angles_deg, view_index)
-        return side, fronts(document, self.angles_deg)[side][0]
-
-    def surface_edges(self, document: Document) -> SurfaceEdges:
-        """Return the edges of each accepted view at its placement."""
-        return edges_of_parts(self._views, self.angles_deg, self.canonical(document).layers)

@@ -19,7 +19,7 @@ from flatcloth.core.types import Bool, Floats
 from flatcloth.flattening.ramps import RAMP_HALF_WIDTH_PX
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.paper.matching import PLACE_SCALE_M
-from flatcloth.session.machine import Side
+from flatcloth.session.document import Side
 
 _OCCLUDING_Z_ANGLE_DEG = 40.0
 """An outline seen more steeply than this is an occluding edge. Set by hand."""

@@ -10,7 +10,7 @@ from flatcloth.core.config import PlanningConfig
 from flatcloth.core.geometry import z_angle_deg
 from flatcloth.core.types import FlattenedView, Float64, Rigid2, RotationAxis
 from flatcloth.methods.answers import ColumnCurves, Plan, SidePlan
-from flatcloth.session.machine import Side
+from flatcloth.session.document import Side
 
 _OCCLUDING_EDGE_MIN_M = 0.03
 """A side with less occluding edge than this is complete. Set by hand."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import AlignmentError
-from flatcloth.core.geometry import Rigid3, wrapped_deg
+from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import (
     Bool,
     Float64,
@@ -31,7 +31,6 @@ from flatcloth.flattening.pixel_states import states_of_view
 from flatcloth.methods.answers import (
     Alignment,
     AlignmentScore,
-    Candidate,
     Canonical,
     ClothPairs,
     ComponentPlacement,
@@ -108,7 +107,6 @@ class RobustMethod(Method):
             return Plan(view_index=None, reason=reason, candidates=tuple(rated))
         return Plan(
             view_index=best.view_index,
-            rotation_deg=self._turn_deg(used, best),
             reason=(
                 f"{1e4 * best.new_m2:.0f} cm2 new, {1e4 * best.overlap_m2:.0f} cm2 in common"
                 + ("" if best.overlap_m2 >= overlap_m2 else ", less than desired")
@@ -125,7 +123,6 @@ class RobustMethod(Method):
         )
         return Plan(
             view_index=rated[0].view_index,
-            rotation_deg=rated[0].gap_deg,
             reason=f"{1e4 * rated[0].new_m2:.0f} cm2 new",
             candidates=tuple(rated),
         )
@@ -141,11 +138,6 @@ class RobustMethod(Method):
         assert isinstance(other, RobustMethod)
         shapes = self.shapes.of(document), other.shapes.of(its)
         return seams_ahead(shapes, self._views.axis, angles_deg, related=related)
-
-    def _turn_deg(self, used: frozenset[int], best: Candidate) -> float:
-        angles = self.angles_deg
-        turns = [wrapped_deg(angles[best.view_index] - angles[v]) for v in used]
-        return min(turns, key=abs)
 
     # ------------------------------------------------- a proposal: the shape with the view (in place of 4.2)
 
@@ -397,12 +389,8 @@ class RobustMethod(Method):
         carried = states_on_surface(observation, surface, state, self._config.flattening)
         return states_of_view(frame, item, surface, carried)
 
-    def surface_edges(self, document: Document) -> Cloth:
-        """Return the edges of the shape, each once per view that saw it."""
-        return _edges_of(self.shapes.of(document))
-
     def cloth_of_pieces(self, document: Document) -> list[Cloth]:
-        """Return the edges of each piece, the shape first."""
+        """Return the edges of each piece, the shape first, each once per view that saw it."""
         shape = self.shapes.of(document)
         return [_edges_of(shape, piece) for piece in np.unique(shape.piece[shape.piece >= 0]).tolist()]
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import agreement, refit_rigid2
-from flatcloth.core.types import Float64, Int32, Rigid2
+from flatcloth.core.types import Float64, Int32, Rigid2, finite
 from flatcloth.methods.answers import AlignmentScore, ClothPairs
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.shape.shape import PLACE_STD_M, Shape
@@ -53,7 +53,7 @@ def score_placement(shape: Shape, sampled: SampledComponent, shape_from_componen
         "twice_share": float((off_m > TWICE_M).mean()),
         "place_median_mm": math.nan if pairs is None else 1e3 * float(np.median(off_m)),
     }
-    return AlignmentScore(agrees * (1.0 - other), parts, "place_median_mm")
+    return AlignmentScore(agrees * (1.0 - other), parts, finite(parts["place_median_mm"]))
 
 
 def refined(pairs: ClothPairs | None, motion: Rigid2) -> Rigid2:

@@ -21,8 +21,7 @@ from starlette.routing import BaseRoute
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Floats
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.recognition import GarmentService
+from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
@@ -77,8 +76,7 @@ class PageController(ABC):
         self._auto = AutoInfo()
         self._log: tuple[Note, ...] = ()
         self._picks = PickStore(folder, integration, self._highlight)
-        self._both = BothSides(integration)
-        self.garments = GarmentService(integration, self._both)
+        self.garments = GarmentService(integration, joins=True)
         self.picture: Picture | None = None  # what is shown at present; immutable
         self._note_ids = itertools.count(1)
         self._revision = 0
@@ -109,7 +107,7 @@ class PageController(ABC):
         """The grips of picks for which the operator chose one."""
         return self._picks.book.grips
 
-    def both(self) -> BothSides | None:
+    def both(self) -> GarmentService | None:
         """Return the other side of the item if the page shows it."""
         return None
 

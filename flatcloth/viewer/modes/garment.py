@@ -9,8 +9,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.deciding import piece_decision
-from flatcloth.engine.garment.recognition import KnownGarment, points_on_other_side
+from flatcloth.engine.garment import KnownGarment, piece_decision, points_on_other_side
 from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
@@ -19,9 +18,9 @@ from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, is_offered, is_sure
 from flatcloth.methods.answers import Canonical
+from flatcloth.session.document import Document
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
 from flatcloth.session.journal import SheetSide
-from flatcloth.session.machine import Document
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import GarmentPreview

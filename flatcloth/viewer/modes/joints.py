@@ -11,12 +11,12 @@ from starlette.routing import BaseRoute
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.engine.results.joints import HeldBy, Joint, joints_of, with_places
+from flatcloth.engine.joints import HeldBy, Joint, joints_of, with_places
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part, pixels_of_part, placed_by_hand
 from flatcloth.grasping.visibility import Visibility
+from flatcloth.session.document import Document
 from flatcloth.session.garment import DecideLink
-from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.answers import HeldByView, JointInfo, JointsInfo

@@ -13,14 +13,13 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Float64, LaidPiece
-from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.deciding import decided_seam
-from flatcloth.engine.results.result import uncertainty
+from flatcloth.engine.garment import GarmentService, decided_seam
+from flatcloth.engine.result import uncertainty
 from flatcloth.engine.sheet import Sheet, label_of, lay_out, sheet_of
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.rendering import layers
+from flatcloth.session.document import Document
 from flatcloth.session.garment import DecideSeam
-from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, outline_of, truth_of
@@ -40,7 +39,7 @@ class OtherSideController:
     ``on_made`` is called when another side is ``made``, or none.
     """
 
-    def __init__(self, page: PageController, both: BothSides, on_made: Callable[[], None]) -> None:
+    def __init__(self, page: PageController, both: GarmentService, on_made: Callable[[], None]) -> None:
         self._page, self.both, self._on_made = page, both, on_made
         self._asked: tuple[Hashable, ...] | None = None
         self._revision = 0
@@ -110,7 +109,7 @@ class OtherSideController:
                 self._page.executor.on_page(lambda: self._progressed(Progress(share=share, text=text)))
 
         with one_at_a_time(check):
-            sides = self.both.of(document, report, check=check)
+            sides = self.both.joined(document, report, check=check)
             return sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
 
     def _laid_out(self, key: Hashable, document: Document, sides: JoinedSides, this: Sheet) -> OtherSheet:

@@ -15,13 +15,13 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, LaidPiece, Rigid2, RotationAxis, finite
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import KnownGarment
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.repair import RefinedScore, fit_pairs
+from flatcloth.engine.placing import RefinedScore, fit_pairs
 from flatcloth.engine.sheet import Sheet, is_on_shape, place_of_piece
-from flatcloth.session.document import accept
-from flatcloth.session.ghosts import Ghost, Ghosts
-from flatcloth.session.machine import Command, Document, Nudge, Pending, Reopen, TakePart
+from flatcloth.session.document import Document, Pending, accept
+from flatcloth.session.kept import Ghost, Ghosts
+from flatcloth.session.machine import Command, Nudge, Reopen, TakePart
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer

@@ -16,14 +16,14 @@ from starlette.routing import BaseRoute
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.diagnostics import Reasons, reasons
-from flatcloth.engine.results.result import Areas, Result, expected_next_m2, result_of
+from flatcloth.engine.result import Areas, Result, expected_next_m2, result_of
 from flatcloth.export.history import FLAGS, SUSPECT, Flags, overridden, read_history
 from flatcloth.flattening.surface import item_mask
 from flatcloth.methods.answers import ZAngleLine
 from flatcloth.rendering import layers
 from flatcloth.rendering.pictures import jpeg_thumbnail, picture_thumbnail
-from flatcloth.session.machine import Accepted, Document
-from flatcloth.session.summary import keep_summary
+from flatcloth.session.document import Accepted, Document
+from flatcloth.session.kept import keep_summary
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController

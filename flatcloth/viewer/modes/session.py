@@ -15,22 +15,20 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Floats, RotationAxis
-from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.repair import RefinedScore
+from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
-from flatcloth.session.axis_file import check_axis
-from flatcloth.session.commands import LeaveOut, paint
-from flatcloth.session.ghosts import keep_ghosts, read_ghosts
+from flatcloth.session.document import Document, Pending
+from flatcloth.session.kept import check_axis, keep_ghosts, read_ghosts
 from flatcloth.session.machine import (
     Accept,
     Command,
-    Document,
     Event,
     Failed,
     Followed,
+    LeaveOut,
     Nudge,
-    Pending,
     Phase,
     Propose,
     Reject,
@@ -41,6 +39,7 @@ from flatcloth.session.machine import (
     Start,
     TakePart,
     apply,
+    paint,
 )
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import auto
@@ -102,7 +101,7 @@ class Application(PageController):
         self._expected: tuple[Document, float | None] | None = None
         self._joins: tuple[Document, bool] | None = None
         self._ghosts = read_ghosts(self.place)
-        self.other = OtherSideController(self, self._both, self._other_made)
+        self.other = OtherSideController(self, self.garments, self._other_made)
         self._work = SessionWork(self)
         self._previews = proposal.Previews(self)
         self._review = ReviewService(self)
@@ -127,7 +126,7 @@ class Application(PageController):
             *self.other.routes(),
         ]
 
-    def both(self) -> BothSides | None:
+    def both(self) -> GarmentService | None:
         """Return the other side of the item if the page shows it."""
         return None if self.other.made is None else self.other.both
 

@@ -23,8 +23,8 @@ from flatcloth.rendering.pictures import jpeg_thumbnail, small_shape
 from flatcloth.rendering.sides import shape_rgba, side_rgba, small_side_rgba
 from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.result import NO_ITEM, Segmentation, ViewSegmentation
+from flatcloth.session.document import Document
 from flatcloth.session.journal import SheetSide
-from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages

@@ -24,16 +24,17 @@ from flatcloth.core.decoding import Finite, MisfitError, fitted
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.parcel import Parcel, record
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, Progress, RotationAxis, Uint8
-from flatcloth.engine.garment.lesson import GarmentLesson, garment_lesson
-from flatcloth.engine.segmenting import SidesLesson
 from flatcloth.engine.sheet import outline_loops
 from flatcloth.engine.teaching import (
     AlignmentLesson,
     FlatteningLesson,
+    GarmentLesson,
     Parameters,
     PlanningLesson,
+    SidesLesson,
     StartLesson,
     Teaching,
+    garment_lesson,
 )
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Level

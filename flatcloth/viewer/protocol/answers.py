@@ -8,8 +8,8 @@ import msgspec
 from msgspec import Meta
 
 from flatcloth.engine.diagnostics import Reasons
-from flatcloth.engine.results.joints import Place
-from flatcloth.engine.results.result import Result
+from flatcloth.engine.joints import Place
+from flatcloth.engine.result import Result
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.sent import RC, UV, XYZ, Direction, Grid, Legend, Note, Progress, Sent
 from flatcloth.viewer.protocol.state import CaptureStatus, GarmentPointInfo, PageState

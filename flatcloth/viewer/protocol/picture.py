@@ -21,8 +21,8 @@ from flatcloth.methods.answers import AlignmentScore, JoinedPiece, JoinedSides
 from flatcloth.methods.paper.merging import shows
 from flatcloth.recordings.base import Recording, fingerprint
 from flatcloth.rendering.layers import CONFLICT_M, difference, legends
+from flatcloth.session.document import Document, Pending
 from flatcloth.session.journal import SheetSide
-from flatcloth.session.machine import Document, Pending
 from flatcloth.shape.shape import Change
 from flatcloth.validation.kit import kit_of
 from flatcloth.validation.markers import KitTruth, found_markers

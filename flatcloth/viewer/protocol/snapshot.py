@@ -15,8 +15,9 @@ from flatcloth.engine.warmup import is_compiling
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
-from flatcloth.session.ghosts import Ghosts
-from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
+from flatcloth.session.document import Document, Pending
+from flatcloth.session.kept import Ghosts
+from flatcloth.session.machine import Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.actions import action_table
 from flatcloth.viewer.protocol.picture import OtherSheet, Overlay, Picture
 from flatcloth.viewer.protocol.sent import Grid, Legend, Motion, Progress, typed

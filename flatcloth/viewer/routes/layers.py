@@ -17,7 +17,7 @@ from flatcloth.core.decoding import MisfitError, fitted
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Floats, RgbdFrame, Uint8
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.pixel_states import pixel_states
+from flatcloth.engine.result import pixel_states
 from flatcloth.engine.warmup import wait_until_compiled
 from flatcloth.flattening.surface import item_mask
 from flatcloth.grasping.visibility import Visibility, visibility_in

@@ -19,7 +19,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 import flatcloth
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import KnownGarment
 from flatcloth.export.garment import garment_document
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA

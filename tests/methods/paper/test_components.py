@@ -17,7 +17,7 @@ from flatcloth.methods.paper.departures import Aligned
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import without
 from flatcloth.methods.paper.method import PaperMethod
-from flatcloth.session.machine import PlacedPart
+from flatcloth.session.document import PlacedPart
 
 LEAST = 0.6
 
@@ -50,7 +50,7 @@ def aligned(component: int, score: float, area_m2: float, known_share: float) ->
     ],
 )
 def test_the_component_that_adds_most_of_those_that_qualify_is_chosen(found, chosen):
-    method = PaperMethod(CylinderViews("paper"), (0.0, 10.0))
+    method = PaperMethod(CylinderViews(), (0.0, 10.0))
     assert method.accept_score == LEAST
     assert method.choose(found).part.component == chosen
 
@@ -65,7 +65,7 @@ def test_the_start_stands_where_the_search_ends_with_a_lower_score():
 
 
 def test_the_places_are_asked_where_the_lines_fail_or_are_refused():
-    method = PaperMethod(CylinderViews("paper"), (0.0, 10.0))
+    method = PaperMethod(CylinderViews(), (0.0, 10.0))
 
     def at(theta_rad: float, score: float):
         total = AlignmentScore(score, {})

@@ -6,7 +6,7 @@ from scenes import Cylinder, placement_error_m, sheet, views
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.flattening.resampling import place
 from flatcloth.methods.paper.merging import Parts, Renewed, begin, covered_share, lay_over, renew
-from flatcloth.session.machine import PlacedPart, Side
+from flatcloth.session.document import PlacedPart, Side
 
 
 def parts_of(sources: dict[int, FlattenedView]) -> Parts:

@@ -16,7 +16,7 @@ from flatcloth.methods.paper.planning import (
     plan_side,
     rotation_step_deg,
 )
-from flatcloth.session.machine import Side
+from flatcloth.session.document import Side
 
 CONFIG = PlanningConfig()
 ANGLES = tuple(float(a) for a in range(0, 360, 10))

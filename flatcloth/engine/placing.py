@@ -1,4 +1,4 @@
-"""Views that are placed again: later decisions on a changed shape, skipped views, views placed by hand.
+"""Placements of single views: again after a change, by hand, refined, fitted to pairs of points.
 
 A later decision follows a changed one. A placement found by the method is computed again on the changed
 shape; one set by hand moves with the shape. It is kept if it fits about as well as when it was accepted,
@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flatcloth.checking import result
-from flatcloth.checking.check import known_check
 from flatcloth.core.errors import AlignmentError, FlatteningError, SurfaceError
-from flatcloth.core.types import FlattenedView, Progress, Rigid2
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import FlattenedView, Float64, Progress, Rigid2
 from flatcloth.methods.answers import (
     Alignment,
     AlignmentScore,
@@ -25,14 +24,15 @@ from flatcloth.methods.answers import (
     Plan,
 )
 from flatcloth.methods.base import Method
-from flatcloth.recordings.base import Recording
-from flatcloth.session.document import NO_COMPONENT
-from flatcloth.session.machine import Document, Followed, Side
+from flatcloth.session.document import NO_COMPONENT, Document, Side
+from flatcloth.session.machine import Followed
 
 _MOST_LOSS = 0.1
 """A larger decrease of the score is reported to the operator. Set by hand."""
 _GAP_M = 0.02
 """Gap between the components that are laid side by side. Chosen."""
+_LEAST_SPREAD_M = 0.001
+"""Points closer together than this do not determine a rotation. Set by hand."""
 
 
 def follow(
@@ -115,8 +115,71 @@ def _extent_m(view: FlattenedView) -> tuple[float, float, float, float]:
     return left, top, right, bottom
 
 
-def why_hopeless(recording: Recording, method: Method, document: Document) -> str:
-    """Return why an unattended run ends because further views cannot help; empty if they may."""
-    if not method.is_unattended or not result.is_hopeless(known_check(recording), method.cameras(document)):
-        return ""
-    return f"{result.WRONG}: no further view is added."
+# --- repair ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefinedScore:
+    """The score of a placement and of its refinement.
+
+    ``refined`` is the refined placement, ``current_from_new``.
+    """
+
+    score: AlignmentScore
+    refined: Rigid2
+    refined_score: AlignmentScore
+
+
+def refine_and_score(method: Method, document: Document) -> RefinedScore:
+    """Return the result of refining the proposal from its present placement, without changing it."""
+    pending = document.pending
+    assert pending is not None
+    view, component, motion = pending.view_index, pending.component, pending.current_from_new
+    refined = method.refined(document, view, component, motion)
+    return RefinedScore(
+        score=method.score(document, view, component, motion),
+        refined=refined,
+        refined_score=method.score(document, view, component, refined),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairFit:
+    """A fit to pairs of points: ``by`` moves the proposal; residuals (N,) in m before and after it."""
+
+    by: Rigid2
+    residual_m: Float64
+    fitted_m: Float64
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square of the residuals after the fit."""
+        return float(np.sqrt(np.square(self.fitted_m).mean()))
+
+
+def fit_pairs(new_uv_m: Float64, shape_uv_m: Float64) -> PairFit:
+    """Fit a rigid motion of the plane to pairs of points, by least squares.
+
+    Parameters
+    ----------
+    new_uv_m : (N, 2) float64
+        Points of the proposal at its present placement.
+    shape_uv_m : (N, 2) float64
+        Their target positions.
+
+    Raises
+    ------
+    AlignmentError
+        If there are fewer than two pairs, or the points coincide; the message gives the remedy.
+    """
+    if len(new_uv_m) < 2:
+        raise AlignmentError("A fit needs at least two pairs of points; pick another pair.")
+    for points in (new_uv_m, shape_uv_m):
+        if np.ptp(points, axis=0).max() < _LEAST_SPREAD_M:
+            raise AlignmentError("The points of the pairs coincide; pick pairs farther apart.")
+    by = fit_rigid2(new_uv_m, shape_uv_m)
+    return PairFit(
+        by=by,
+        residual_m=np.linalg.norm(new_uv_m - shape_uv_m, axis=1),
+        fitted_m=np.linalg.norm(by.apply(new_uv_m) - shape_uv_m, axis=1),
+    )

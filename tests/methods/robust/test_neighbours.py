@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.methods.neighbours import neighbourhoods_of
+from flatcloth.methods.robust.next_best_view import neighbourhoods_of
 
 
 def test_sums_are_over_pairs_of_placed_nodes_weighted_by_their_views() -> None:

@@ -1,6 +1,6 @@
 """The compiled functions (kernels) of a typical integration, each with the types it is called with.
 
-``table.json`` lists them, so that they can be compiled in any order and by several processes; ``python -m
+``kernels.json`` lists them, so that they can be compiled in any order and by several processes; ``python -m
 benchmarks compiling`` writes it. A kernel that is missing there is compiled when it is first called.
 """
 
@@ -17,7 +17,7 @@ from typing import Any
 
 import numba
 
-TABLE = Path(__file__).with_name("table.json")
+TABLE = Path(__file__).with_name("kernels.json")
 _types: Any = numba.types
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, Bool, Float64, Int64, Rigid2
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment import KnownGarment
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_parts, is_same_part, last_decisions
 from flatcloth.garments.evidence import LEAST_AREA_M2
