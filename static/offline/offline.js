@@ -9,8 +9,6 @@ import {
   findAll,
   isPlain,
   make,
-  NO_GRAPHICS,
-  sayWhenLost,
   setCurrent,
   setPressed,
   setText,
@@ -76,13 +74,11 @@ export class Page {
       spacing: history.around_spacing_m,
       start: this.step,
     };
-    this.cloud = new CloudView(canvasOf("cloud"), canvasOf("cloud-marks"), scene, (n) => {
+    this.cloud = new CloudView(canvasOf("cloud"), scene, (n) => {
       if (n < 0) return;
       this.turn("this"); // the points of the scene are those of this side
       this.pick(n, 0);
     });
-    showWords(byId("cloud-empty"), this.cloud.points ? "" : NO_GRAPHICS);
-    sayWhenLost(canvasOf("cloud"), byId("cloud-empty"));
     this.cloud.setStep(this.step, false);
     this.actions = actionTable(this);
     this.fixed();

@@ -1,11 +1,11 @@
 // What stages 12 to 16 draw: the new view, the lines, the overlay, the search, the renewed view.
 
-import { cm2, degrees, mm, number } from "../page/format.js";
+import { cm2, degrees, mm, number, rgbOf } from "../page/format.js";
 import { applied, boxOf, movedBox, union } from "../canvas/geometry.js";
 import { outlineOf } from "../canvas/picture.js";
 import { within } from "../page/dom.js";
 import { between, lastOf } from "./lesson.js";
-import { columns, painted, rgbOf, rows } from "./draw.js";
+import { columns, painted, rows } from "./draw.js";
 import { imageBox } from "./detail.js";
 import { Plot, ticks } from "./plot.js";
 import { viewName } from "./rotation.js";

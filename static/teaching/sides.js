@@ -1,9 +1,9 @@
 // The stages of the side of interest: the item, the evidence of two layers, and the sides.
 
 import { boxOfPoints } from "../canvas/geometry.js";
-import { cm2, number, percent } from "../page/format.js";
+import { cm2, number, percent, rgbOf } from "../page/format.js";
 import { imageBox, shareOf } from "./detail.js";
-import { columns, painted, rgbOf } from "./draw.js";
+import { columns, painted } from "./draw.js";
 
 const UNDECIDED = 0;
 const NO_ITEM = 2;

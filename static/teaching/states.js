@@ -1,9 +1,9 @@
 // States of the minimisation: pairs colored by their error of length, energy, and shares of errors.
 
-import { count, hex, mm, number } from "../page/format.js";
+import { count, hex, mm, number, rgbOf } from "../page/format.js";
 import { within } from "../page/dom.js";
 import { union, boxOfPoints } from "../canvas/geometry.js";
-import { columns, rgbOf, rows } from "./draw.js";
+import { columns, rows } from "./draw.js";
 import { between, energy, iterationAt, lastOf, strains } from "./lesson.js";
 import { Plot } from "./plot.js";
 
