@@ -33,7 +33,7 @@ export class JointsPanel extends PagePart {
     super(page);
     page.joints = this;
     page.sourceMarks.push((view) => this.pixels(view));
-    page.canvas.around.push(() => this.options && this.held && this.options.box);
+    page.canvas.around.push(() => (this.held && this.options?.everywhere) || []);
   }
 
   get found() {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { boxOf, contains, grown, Transform, union } from "../../static/canvas/geometry.js";
+import { boxOf, contains, cornersOf, grown, Transform, union } from "../../static/canvas/geometry.js";
 
 const near = (a, b, within = 1e-9) => assert.ok(Math.abs(a - b) < within, `${a} is not ${b}`);
 const same = (a, b) => Object.keys(b).forEach((key) => near(a[key], b[key]));
@@ -55,7 +55,7 @@ test("a box fits the pane with its margin, and its middle lies in the middle", (
   for (const angle of [0, 0.5, Math.PI / 2]) {
     const at = new Transform();
     at.turn(angle, false, 0, 0);
-    at.fit(box, 500, 400, 30);
+    at.fit(cornersOf(box), 500, 400, 30);
     same(at.toPane(0.2, 0.3), { x: 250, y: 200 });
     const corners = [box.left, box.right].flatMap((u) => [box.top, box.bottom].map((v) => at.toPane(u, v)));
     const margins = corners.flatMap(({ x, y }) => [x, 500 - x, y, 400 - y]);
