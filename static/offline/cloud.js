@@ -25,9 +25,9 @@ export class CloudView {
     this.canvas = canvas;
     this.scene = scene;
     this.pick = pick;
-    this.step = 0;
+    this.step = scene.start;
     this.tint = 0.5;
-    this.showAround = true;
+    this.follows = true; // the camera from step to step, until somebody turns the item
     this.width = this.height = this.turning = 0;
     this.dirty = false;
     this.mark = /** @type {CloudMark} */ (null);
@@ -41,10 +41,16 @@ export class CloudView {
 
   // --- what is shown -------------------------------------------------------------------------
 
-  setStep(/** @type {number} */ step, /** @type {boolean} */ follow) {
+  setStep(/** @type {number} */ step) {
+    if (this.follows && step !== this.step) this.turnTo(this.lookFrom(step));
     this.step = step;
-    if (follow) this.turnTo(this.lookFrom(step));
     this.redraw();
+  }
+
+  /** Look from where the camera stood, and follow it from here on. */
+  lookAgain() {
+    this.follows = true;
+    this.turnTo(this.lookFrom(this.step));
   }
 
   /** Color the cloth, three bytes a pixel. */
@@ -109,24 +115,28 @@ export class CloudView {
     this.turning = requestAnimationFrame(move);
   }
 
-  turn(/** @type {number} */ dx, /** @type {number} */ dy) {
+  /** It is moved by hand. */
+  take() {
     cancelAnimationFrame(this.turning);
+    this.follows = false;
+    this.redraw();
+  }
+
+  turn(/** @type {number} */ dx, /** @type {number} */ dy) {
+    this.take();
     this.eye.yaw -= dx;
     this.eye.pitch = within(this.eye.pitch + dy, -1.5, 1.5);
-    this.redraw();
   }
 
   zoom(/** @type {number} */ factor) {
-    cancelAnimationFrame(this.turning);
+    this.take();
     this.eye.zoom = within(this.eye.zoom * factor, 0.2, 40);
-    this.redraw();
   }
 
   pan(/** @type {number} */ dx, /** @type {number} */ dy) {
-    cancelAnimationFrame(this.turning);
+    this.take();
     const { right, down } = this.axes();
     for (let i = 0; i < 3; i++) this.eye.target[i] -= (dx * right[i] + dy * down[i]) / this.scale;
-    this.redraw();
   }
 
   axes() {
@@ -202,8 +212,7 @@ export class CloudView {
     const { xyz, first, grid } = scene.cloth;
     const cloth = { xyz, rgb: this.colors, first, size: 1.5 * grid.pixel_size_m };
     this.paint(image, depth, cloth);
-    if (this.showAround)
-      this.paint(image, depth, { ...scene.around[this.step], first: null, size: 1.6 * scene.spacing });
+    this.paint(image, depth, { ...scene.around[this.step], first: null, size: 1.6 * scene.spacing });
     pen.putImageData(image, 0, 0);
     this.drawMarks(pen, style);
   }

@@ -22,7 +22,7 @@ from starlette.responses import Response, StreamingResponse
 from flatcloth.checking.check import CheckLesson, check_lesson
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.parcel import Parcel, record
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, Progress, RotationAxis, Uint8, finite
+from flatcloth.core.types import MIRROR, FlattenedView, Int32, Progress, RotationAxis, Uint8, finite
 from flatcloth.engine.garment.lesson import GarmentLesson, garment_lesson
 from flatcloth.engine.segmenting import SidesLesson
 from flatcloth.engine.sheet import outline_loops
@@ -132,7 +132,8 @@ def _level(parcel: Parcel, name: str, level: Level, unused: Int32) -> dict[str, 
 
 def _image(surface: Surface) -> Uint8:
     """Return the part of the image around the item, pale off the surface (H, W, 4)."""
-    return _faded(surface.frame.color, surface.usable)
+    alpha = np.where(surface.usable, 255, _OFF_THE_SURFACE_ALPHA).astype(np.uint8)
+    return np.dstack([surface.frame.color, alpha])
 
 
 def _normals(view: FlattenedView) -> Uint8:
@@ -298,38 +299,25 @@ def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
 def sides_parcel(lesson: SidesLesson) -> Parcel:
     """Return the drawing data of the side of interest."""
     parcel, found, section = Parcel(), lesson.found, lesson.section
-    observed, frame = found.observed, lesson.frame
-    view = observed.views[frame.view_index]
-    item = view.whole(view.item)
-    _picture(parcel, "image", _faded(frame.color, item))
+    observed, view_index = found.observed, lesson.frame.view_index
     parcel.array("section_mm", 1e3 * section.place_m, "float32")
     parcel.array("section_normal", section.normal, "float32")
     parcel.array("section_side", found.side[section.cluster], "int8")
     parcel.array("alike", section.alike, "int32")
     parcel.array("opposite", section.opposite, "int32")
-    parcel.array("section_rc", np.argwhere(np.isin(view.cluster, section.cluster) & view.surface), "int16")
-    cut: dict[str, float] = {}
-    for piece in found.cut_off:
-        if piece.view_index == frame.view_index:
-            cut[piece.kind] = cut.get(piece.kind, 0.0) + CM2 * piece.area_m2
-    labels = found.view(frame.view_index)
+    labels = found.view(view_index)
     assert labels is not None
     parcel.array("first_side", labels.side, "int8")
-    parcel.array("first_percent", np.rint(100 * labels.certainty), "uint8")
     graph, (rows, cols) = observed.graph, labels.side.shape
     parcel.values = {
-        "view_index": frame.view_index,
-        "item_px": int(item.sum()),
-        "cut_off_cm2": cut,
-        "n_views": len(observed.views),
-        "clusters": observed.clusters.count,
+        "view_index": view_index,
         "n_alike": int((graph.weight > 0).sum()),
         "n_opposite": int((graph.weight < 0).sum()),
         "samples": observed.config.samples,
         "certainty": found.mean_certainty,
         "found_cm2": CM2 * found.area_of_interest_m2,
         "undecided_cm2": CM2 * found.area_undecided_m2,
-        "first": {"rows": rows, "cols": cols, "offset_rc": list(labels.offset_rc)},
+        "first": {"rows": rows, "cols": cols},
     }
     return parcel
 
@@ -420,11 +408,6 @@ def seams_parcel(other: OtherSheet | None) -> Parcel:
         ],
     }
     return parcel
-
-
-def _faded(color: Uint8, item: Bool) -> Uint8:
-    """Return an image, pale off the item (H, W, 4)."""
-    return np.dstack([color, np.where(item, 255, _OFF_THE_SURFACE_ALPHA).astype(np.uint8)])
 
 
 PARTS = ("flattening", "start", "planning", "alignment", "sides", "garment", "seams", "check")
