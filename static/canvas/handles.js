@@ -24,6 +24,11 @@ export class Handles {
     this.snapped = /** @type {string | null} */ (null); // the source of the ghost
     this.canvas.snap = (by) => this.snap(by);
     this.canvas.gripAt = (at) => this.gripAt(at);
+    this.canvas.around.push(() => {
+      const { held } = this;
+      const [u, v] = this.canvas.center;
+      return held ? [[u + held.arm[0], v + held.arm[1]]] : []; // its ring is seen, too
+    });
   }
 
   update(/** @type {State} */ { pending }) {
