@@ -206,7 +206,7 @@ export class CloudView {
     const pen = sized(canvas, this.width, this.height);
     const image = pen.createImageData(canvas.width, canvas.height);
     const [red, green, blue] = rgbOf(style.getPropertyValue("--ground").trim());
-    new Uint32Array(image.data.buffer).fill((255 << 24) | (blue << 16) | (green << 8) | red); // as ABGR
+    new Uint32Array(image.data.buffer).fill(packed(red, green, blue));
     this.seen = new Int32Array(canvas.width * canvas.height).fill(-1);
     const depth = new Float32Array(this.seen.length).fill(Infinity);
     const { xyz, first, grid } = scene.cloth;
@@ -225,6 +225,7 @@ export class CloudView {
    */
   paint({ data, width, height }, depth, { xyz, rgb, first, size }) {
     const project = this.projection();
+    const pixels = new Uint32Array(data.buffer);
     const ratio = devicePixelRatio;
     const behind = first ? 0 : BEHIND_M / this.eye.distance;
     for (let n = 0; 3 * n < xyz.length; n++) {
@@ -232,6 +233,8 @@ export class CloudView {
       const { x, y, far } = project(xyz[3 * n], xyz[3 * n + 1], xyz[3 * n + 2]);
       if (far < NEAREST) continue;
       const [wash, share] = first ? [NEW, first[n] === this.step ? this.tint : 0] : [PALE, WASH];
+      const [red, green, blue] = wash.map((c, i) => rgb[3 * n + i] + share * (c - rgb[3 * n + i]));
+      const color = packed(red, green, blue);
       const wide = Math.max(1, Math.round((ratio * size * this.scale) / far));
       const left = Math.round(ratio * x - wide / 2);
       const top = Math.round(ratio * y - wide / 2);
@@ -241,7 +244,7 @@ export class CloudView {
           if (depth[at] <= far + behind) continue;
           depth[at] = far + behind;
           this.seen[at] = first ? n : -1;
-          for (let c = 0; c < 3; c++) data[4 * at + c] = rgb[3 * n + c] + share * (wash[c] - rgb[3 * n + c]);
+          pixels[at] = color;
         }
     }
   }
@@ -304,3 +307,6 @@ export class CloudView {
     });
   }
 }
+
+/** An opaque colour as a pixel of a canvas has it. @param {number} red @param {number} green @param {number} blue */
+const packed = (red, green, blue) => (255 << 24) | (blue << 16) | (green << 8) | red;
