@@ -224,6 +224,7 @@ async function openLessons() {
     garment: () => page.state.garment?.revision ?? 0,
     other: () => page.state.other?.revision ?? 0,
     findOther: () => send({ type: "other_side" }),
+    shape: () => page.joints.lesson,
     run,
   });
   teaching.takes("teach");

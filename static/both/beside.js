@@ -1,6 +1,6 @@
 // Both sides beside one another: where the other one lies on the canvas, and which side a place belongs to.
 
-import { applied, movedBox, unapplied } from "../canvas/geometry.js";
+import { applied, boxOfPoints, unapplied } from "../canvas/geometry.js";
 import { Picture } from "../canvas/picture.js";
 
 const GAP_M = 0.06;
@@ -28,17 +28,18 @@ export class Beside {
     const [own, its] = [this.canvas.layer.shown, this.picture.shown];
     if (!own || !its) return null;
     const { angle, flipped } = this.canvas.transform;
-    const here = movedBox(own.box, [angle, 0, 0]);
-    const there = movedBox(its.box, [-angle, 0, 0]);
+    const turned = (/** @type {UV[]} */ rim, /** @type {number} */ by) =>
+      boxOfPoints(rim.flatMap(([u, v]) => applied([by, 0, 0], u, v)));
+    const here = turned(this.canvas.layer.rim, angle);
+    const there = turned(this.picture.rim, -angle);
     const shift = flipped ? here.left - GAP_M - there.right : here.right + GAP_M - there.left;
     return [-2 * angle, Math.cos(angle) * shift, -Math.sin(angle) * shift];
   }
 
-  /** The box that it takes on the canvas's plane. */
-  get box() {
+  /** Places of the canvas's plane that it lies between. */
+  get rim() {
     const { motion } = this;
-    const its = this.picture.shown;
-    return motion && its && movedBox(its.box, motion);
+    return motion ? this.picture.rim.map(([u, v]) => applied(motion, u, v)) : [];
   }
 
   /** The place of the other side at a place of the canvas; null: that is not on it. @returns {UV | null} */

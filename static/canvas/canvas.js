@@ -61,7 +61,7 @@ export class FlatCanvas {
     this.drawers = /** @type {Drawer[]} */ ([]);
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
     this.center = [0, 0];
-    this.around = /** @type {(() => Box | null)[]} */ ([]); // what panels draw beyond the cloth
+    this.around = /** @type {(() => UV[])[]} */ ([]); // places of what panels draw beyond the cloth
     this.snap = (/** @type {By} */ by) => by; // to places that a panel knows
     this.gripAt = (/** @type {Point} */ _) => /** @type {"turn" | "drag" | null} */ (null); // a handle of the proposal
     this.dirty = false;
@@ -192,14 +192,16 @@ export class FlatCanvas {
   /** Show all of it; beside the legend where the cloth would lie under that. */
   fit() {
     this.fitted = true;
-    const cloth = union(union(this.layer.shown?.box, this.overlay.shown?.box), this.beside.box);
-    const box = this.extent ?? (cloth ? this.around.map((of) => of()).reduce(union, cloth) : cloth);
-    if (box && this.width) {
+    const cloth = [...this.layer.rim, ...this.overlay.rim, ...this.beside.rim];
+    const beyond = cloth.length ? this.around.flatMap((of) => of()) : [];
+    const places = this.extent ? cornersOf(this.extent) : [...cloth, ...beyond];
+    if (places.length && this.width) {
       const legend = byId("legend");
       const free = this.width - (legend.hidden ? 0 : legend.offsetWidth + LEGEND_GAP_PX);
-      this.transform.fit(box, this.width, this.height, MARGIN_PX);
-      const right = Math.max(...cornersOf(box).map(([u, v]) => this.transform.toPane(u, v).x));
-      if (right > free && free > LEAST_FREE_SHARE * this.width) this.transform.fit(box, free, this.height, MARGIN_PX);
+      this.transform.fit(places, this.width, this.height, MARGIN_PX);
+      const right = Math.max(...places.map(([u, v]) => this.transform.toPane(u, v).x));
+      if (right > free && free > LEAST_FREE_SHARE * this.width)
+        this.transform.fit(places, free, this.height, MARGIN_PX);
     }
     this.redraw();
   }

@@ -68,18 +68,17 @@ export class Transform {
   }
 
   /**
-   * Fit a box of the plane into the pane, with a margin (CSS pixels).
-   * @param {Box} box @param {number} width @param {number} height @param {number} margin
+   * Fit places of the plane into the pane, with a margin (CSS pixels).
+   * @param {UV[]} places @param {number} width @param {number} height @param {number} margin
    */
-  fit(box, width, height, margin) {
-    const [across, down] = [box.right - box.left, box.bottom - box.top];
-    const [cos, sin] = [Math.abs(Math.cos(this.angle)), Math.abs(Math.sin(this.angle))];
-    const wide = Math.max(1e-6, cos * across + sin * down);
-    const high = Math.max(1e-6, sin * across + cos * down);
+  fit(places, width, height, margin) {
+    this.scale = 1;
+    const seen = places.map(([u, v]) => this.toPaneVector(u, v));
+    const { left, right, top, bottom } = boxOfPoints(seen.flatMap(({ x, y }) => [x, y]));
+    const [wide, high] = [Math.max(1e-6, right - left), Math.max(1e-6, bottom - top)];
     this.scale = Math.max(50, Math.min((width - 2 * margin) / wide, (height - 2 * margin) / high));
-    const middle = this.toPaneVector((box.left + box.right) / 2, (box.top + box.bottom) / 2);
-    this.x = width / 2 - middle.x;
-    this.y = height / 2 - middle.y;
+    this.x = width / 2 - (this.scale * (left + right)) / 2;
+    this.y = height / 2 - (this.scale * (top + bottom)) / 2;
   }
 }
 
@@ -107,7 +106,23 @@ export function pixelAt(grid, u, v) {
   return col < 0 || row < 0 || col >= grid.cols || row >= grid.rows ? -1 : row * grid.cols + col;
 }
 
-/** The corners of a box, in turn. */
+/**
+ * Places between which the opaque pixels of a raster lie: the first and the last of its rows.
+ * @param {Grid} grid @param {Numbers} pixels four numbers each @returns {UV[]}
+ */
+export function rimOf({ rows, cols, origin_uv_m: [u, v], pixel_size_m: size }, pixels) {
+  const rim = /** @type {UV[]} */ ([]);
+  for (let row = 0; row < rows; row++) {
+    let [first, last] = [0, cols - 1];
+    const isClear = (/** @type {number} */ col) => pixels[4 * (row * cols + col) + 3] === 0;
+    while (first < cols && isClear(first)) first++;
+    while (last > first && isClear(last)) last--;
+    if (first < cols) for (const col of [first, last]) rim.push([u + size * col, v + size * row]);
+  }
+  return rim;
+}
+
+/** The corners of a box, in turn. @returns {UV[]} */
 export const cornersOf = (/** @type {Box} */ { left, top, right, bottom }) => [
   [left, top],
   [right, top],

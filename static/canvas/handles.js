@@ -8,7 +8,7 @@ import { mm } from "../page/format.js";
 
 const REACH_PX = hasKeys() ? 13 : 24; // of a mouse or a finger
 const ABOVE_PX = 26; // of the ring over the proposal
-const LABEL_PX = 26; // of a ghost, below its middle
+const LABEL_PX = 26; // of a ghost, off its middle, away from the ring
 const SNAP_PX = 16;
 const SNAP_RAD = 0.14; // 8 degrees
 const STILL = { theta_rad: 0, u_m: 0, v_m: 0 };
@@ -24,6 +24,11 @@ export class Handles {
     this.snapped = /** @type {string | null} */ (null); // the source of the ghost
     this.canvas.snap = (by) => this.snap(by);
     this.canvas.gripAt = (at) => this.gripAt(at);
+    this.canvas.around.push(() => {
+      const { held } = this;
+      const [u, v] = this.canvas.center;
+      return held ? [[u + held.arm[0], v + held.arm[1]]] : []; // its ring is seen, too
+    });
   }
 
   update(/** @type {State} */ { pending }) {
@@ -131,8 +136,9 @@ export class Handles {
     context.font = "600 12px system-ui, sans-serif";
     context.textBaseline = "middle";
     const width = context.measureText(ghost.title).width + 8;
-    const below = y + LABEL_PX; // the middle is a handle
-    drawLabel(context, style, ghost.title, [x - width / 2 + 4, below], [x - width / 2, below - 9, width, 18]);
+    const { ring, edge } = this.places ?? { ring: { y }, edge: { y } };
+    const off = ring.y > edge.y ? y - LABEL_PX : y + LABEL_PX; // the middle is a handle, too
+    drawLabel(context, style, ghost.title, [x - width / 2 + 4, off], [x - width / 2, off - 9, width, 18]);
   }
 
   get status() {

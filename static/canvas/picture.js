@@ -1,6 +1,6 @@
 // The pictures of the flattened view: fetched by revision, the last one kept until the next is there.
 
-import { boxOf, pixelAt } from "./geometry.js";
+import { boxOf, pixelAt, rimOf } from "./geometry.js";
 import { askPicture } from "../page/connection.js";
 import { contextOf, WAYS } from "../page/dom.js";
 import { Pyramid } from "./pyramid.js";
@@ -43,13 +43,22 @@ export class Picture {
     return this.colorAt(u, v)[3] > 0;
   }
 
+  /** Places that the opaque part of the picture lies between. @returns {UV[]} */
+  get rim() {
+    const { shown } = this;
+    return shown ? (shown.rim ??= rimOf(shown.grid, this.pixels)) : [];
+  }
+
+  get pixels() {
+    const { shown } = this;
+    if (!shown) return [];
+    return (shown.pixels ??= pixelsOf(shown.image instanceof Pyramid ? shown.image.at(1) : shown.image));
+  }
+
   /** Red, green, blue and opacity at a place of the plane; nothing beyond the picture. */
   colorAt = (/** @type {number} */ u, /** @type {number} */ v) => {
-    const { shown } = this;
-    const at = shown ? 4 * pixelAt(shown.grid, u, v) : -1;
-    if (!shown || at < 0) return [];
-    shown.pixels ??= pixelsOf(shown.image instanceof Pyramid ? shown.image.at(1) : shown.image);
-    return shown.pixels.subarray(at, at + 4);
+    const at = this.shown ? 4 * pixelAt(this.shown.grid, u, v) : -1;
+    return at < 0 ? [] : this.pixels.slice(at, at + 4);
   };
 }
 

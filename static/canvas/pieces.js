@@ -20,7 +20,7 @@ export function drawPieces(canvas, context, style, pieces, chosen) {
     const corners = cornersOf(boxOf(piece.grid)).map(([u, v]) => canvas.transform.toPane(u, v));
     const chosenOne = piece.label === chosen;
     strokeLine(context, [...corners, corners[0]], piece.color, chosenOne ? 3 : 1.5, chosenOne ? [] : [5, 4]);
-    taken.push(drawTag(context, style, corners, piece, canvas.width, taken));
+    taken.push(drawTag(canvas, style, corners, piece, taken));
   }
 }
 
@@ -74,18 +74,19 @@ export function drawCaption(canvas, style, text, places = []) {
 /** @typedef {{ x: number; top: number; right: number }} Tag */
 
 /**
- * Within the canvas to the right, so that the area can be read; below the tags that lie there.
- * @param {Context} context @param {Style} style @param {Point[]} corners @param {Piece} piece
- * @param {number} right @param {Tag[]} taken
+ * Within the canvas, so that the area can be read; below the tags that lie there.
+ * @param {FlatCanvas} canvas @param {Style} style @param {Point[]} corners @param {Piece} piece @param {Tag[]} taken
  */
-function drawTag(context, style, corners, piece, right, taken) {
+function drawTag(canvas, style, corners, piece, taken) {
+  const { context } = canvas;
   const text = `${piece.label} · ${number(piece.area_cm2, 0)} cm²`;
   context.font = FONT;
   context.textBaseline = "middle";
   const width = context.measureText(text).width + 20;
-  const left = Math.min(...corners.map((c) => c.x));
-  const x = left < right ? Math.min(left, right - width) : left;
-  let top = Math.min(...corners.map((c) => c.y)) - HIGH_PX - 2;
+  const out = (/** @type {Point} */ { x, y }) => Math.hypot(x - canvas.width / 2, y - canvas.height / 2);
+  const end = corners.reduce((best, corner) => (out(corner) > out(best) ? corner : best)); // away from the shape
+  const x = end.x > 0 && end.x < canvas.width ? within(end.x - width / 2, 0, canvas.width - width) : end.x;
+  let top = end.y < canvas.height / 2 ? end.y - HIGH_PX - 2 : Math.min(end.y + 2, canvas.height - HIGH_PX);
   const covered = () => taken.find((tag) => x < tag.right && x + width > tag.x && Math.abs(top - tag.top) < HIGH_PX);
   for (let tag = covered(); tag; tag = covered()) top = tag.top + HIGH_PX + 1;
   drawLabel(context, style, text, [x + 12, top + 10], [x, top, width, HIGH_PX]);

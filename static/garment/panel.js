@@ -1,7 +1,6 @@
 // The Garment panel: kinds with their probabilities, dimensions, named points; what is decided about them by hand.
 
 import { PagePart } from "../page/page.js";
-import { boxOfPoints } from "../canvas/geometry.js";
 import { GarmentDrawing } from "./drawing.js";
 import { dimensions, pointButton, shares } from "./lists.js";
 import { words } from "./marks.js";
@@ -37,13 +36,9 @@ export class GarmentPanel extends PagePart {
 
   constructor(/** @type {Page} */ page) {
     super(page);
-    page.canvas.around.push(() => this.box);
-  }
-
-  /** Where the outline is, once the shape is upright; of the first views it may lie anywhere. @returns {Box | null} */
-  get box() {
-    const outline = this.turnedFrom && this.page.canvas.side === "this" ? this.drawing.drawn?.outline_uv_m : null;
-    return outline?.length ? boxOfPoints(outline.flat()) : null;
+    // The outline, once the shape is upright; of the first views it may lie anywhere.
+    const isShown = () => this.turnedFrom && page.canvas.side === "this";
+    page.canvas.around.push(() => (isShown() && this.drawing.drawn?.outline_uv_m) || []);
   }
 
   get found() {

@@ -5,6 +5,7 @@ import { PagePart } from "../page/page.js";
 import { nearest } from "../canvas/geometry.js";
 import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
 import { shapeOf } from "../canvas/overlap.js";
+import { Pyramid } from "../canvas/pyramid.js";
 import { drawCaption, drawMoved } from "../canvas/pieces.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { byId, closeButton, hasKeys, heading, make, rebuild, setText, smallButton, swatch } from "../page/dom.js";
@@ -33,7 +34,7 @@ export class JointsPanel extends PagePart {
     super(page);
     page.joints = this;
     page.sourceMarks.push((view) => this.pixels(view));
-    page.canvas.around.push(() => this.options && this.held && this.options.box);
+    page.canvas.around.push(() => (this.held && this.options?.everywhere) || []);
   }
 
   get found() {
@@ -82,6 +83,27 @@ export class JointsPanel extends PagePart {
     const at = this.held ? this.options?.at(this.canvas.motion) : null;
     rebuild(this.section, [this.found, this.chosen, at, this.notice, state.drawing], () => this.build(state.drawing));
     this.showFit();
+  }
+
+  /** The shape and its joints as the teaching mode shows them; null until they are known. @returns {ShapeLesson | null} */
+  get lesson() {
+    const { thisSide } = this.page;
+    const { shown } = this.canvas.layer;
+    if (this.want() || !shown || !thisSide.layers || this.canvas.side === "other") return null;
+    const none = /** @type {never} */ ({}); // it has no parameters
+    const shape = shown.image instanceof Pyramid ? shown.image.at(1) : shown.image;
+    return {
+      array: {},
+      parameters: none,
+      defaults: none,
+      sliders: none,
+      view_index: thisSide.start_view ?? 0,
+      picture: { shape },
+      grid: shown.grid,
+      joints: this.joints,
+      area_cm2: thisSide.layers.area_cm2,
+      views: thisSide.step,
+    };
   }
 
   /** What most doubtful cloth hangs on, in words; "": nothing is doubtful. */

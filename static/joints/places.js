@@ -59,9 +59,9 @@ export class JointOptions {
     return this.loops.map((loop) => loop.map(([u, v]) => applied(by, u, v)));
   }
 
-  /** What all places take. */
-  get box() {
-    return boxOfPoints(this.all.flatMap(({ motion }) => this.loopsAt(motion).flat(2)));
+  /** The outlines at all places. */
+  get everywhere() {
+    return this.all.flatMap(({ motion }) => this.loopsAt(motion).flat());
   }
 }
 

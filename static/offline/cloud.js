@@ -1,75 +1,61 @@
-// A small 3D view of points: orbit, zoom, pan and pick, on plain WebGL; marks are drawn over it in 2D.
+// A small 3D view of points on a canvas: orbit, zoom, pan and pick. It is painted here, point by point, so it needs no
+// graphics card; marks are drawn over it.
 
 import { cross, dot, unit } from "../canvas/geometry.js";
-import { drawDot } from "../canvas/marks.js";
-import { graphicsOf, onWheel, sized, taken, WAYS, within } from "../page/dom.js";
+import { drawDot, strokeLine } from "../canvas/marks.js";
+import { onWheel, sized, taken, WAYS, within } from "../page/dom.js";
+import { rgbOf } from "../page/format.js";
 
 const CLICK_PX = 4;
 const TURN_MS = 450;
 const REACH_PX = 9; // a click further from every point than this hits none
-const LAYER_M = 0.01;
-
-const POINTS = {
-  vertex: `#version 300 es
-    in vec3 place; in vec3 color; in float first;
-    uniform mat4 clip_from_held; uniform float size, step, tint, lift;
-    out vec3 shade;
-    void main() {
-      gl_Position = first > step + 0.5 ? vec4(2.0, 2.0, 2.0, 1.0) : clip_from_held * vec4(place, 1.0);
-      gl_Position.z += lift * gl_Position.w;
-      gl_PointSize = max(size / gl_Position.w, 1.5);
-      shade = mix(color, vec3(1.0, 0.55, 0.0), abs(first - step) < 0.5 ? tint : 0.0);
-    }`,
-  fragment: `#version 300 es
-    precision mediump float;
-    in vec3 shade; uniform vec4 wash; out vec4 paint;
-    void main() {
-      if (length(gl_PointCoord - 0.5) > 0.5) discard;
-      paint = vec4(mix(shade, wash.rgb, wash.a), 1.0);
-    }`,
-};
+const NEAREST = 0.05; // of the distance of the eye: what is nearer to it is not drawn
+const NEW = [255, 140, 0];
+const PALE = [158, 163, 171]; // what the cloth hangs among, washed by so much
+const WASH = 0.7;
+const BEHIND_M = 0.015; // and so far behind, so that it does not show through the cloth
 
 export class CloudView {
   /**
    * `scene`: cloth, around (by step), axis, cameras (by step). `pick(n)` gets the pixel of cloth that was
    * clicked.
-   * @param {HTMLCanvasElement} canvas @param {HTMLCanvasElement} marks @param {CloudScene} scene
-   * @param {(n: number) => void} pick
+   * @param {HTMLCanvasElement} canvas @param {CloudScene} scene @param {(n: number) => void} pick
    */
-  constructor(canvas, marks, scene, pick) {
+  constructor(canvas, scene, pick) {
     this.canvas = canvas;
-    this.marksCanvas = marks;
     this.scene = scene;
     this.pick = pick;
-    this.step = 0;
+    this.step = scene.start;
     this.tint = 0.5;
-    this.showAround = true;
+    this.follows = true; // the camera from step to step, until somebody turns the item
     this.width = this.height = this.turning = 0;
     this.dirty = false;
     this.mark = /** @type {CloudMark} */ (null);
+    /** @type {Uint8Array} */
+    this.colors = new Uint8Array(3 * scene.cloth.count);
+    this.seen = new Int32Array(0); // which pixel of the cloth each pixel of the canvas shows; -1: none
     this.eye = this.lookFrom(scene.start);
-    const gl = graphicsOf(canvas, { antialias: true, preserveDrawingBuffer: true });
-    this.points = gl && new Points(gl, scene);
-    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
-    canvas.addEventListener("webglcontextrestored", () => {
-      this.points = gl && new Points(gl, scene, this.points?.colors);
-      this.redraw();
-    });
-    new ResizeObserver(() => this.resize()).observe(canvas);
+    new ResizeObserver(() => this.draw()).observe(canvas);
     this.listen();
   }
 
   // --- what is shown -------------------------------------------------------------------------
 
-  setStep(/** @type {number} */ step, /** @type {boolean} */ follow) {
+  setStep(/** @type {number} */ step) {
+    if (this.follows && step !== this.step) this.turnTo(this.lookFrom(step));
     this.step = step;
-    if (follow) this.turnTo(this.lookFrom(step));
     this.redraw();
+  }
+
+  /** Look from where the camera stood, and follow it from here on. */
+  lookAgain() {
+    this.follows = true;
+    this.turnTo(this.lookFrom(this.step));
   }
 
   /** Color the cloth, three bytes a pixel. */
   setColors(/** @type {Uint8Array} */ rgb) {
-    this.points?.color(rgb);
+    this.colors = rgb;
     this.redraw();
   }
 
@@ -129,25 +115,28 @@ export class CloudView {
     this.turning = requestAnimationFrame(move);
   }
 
-  turn(/** @type {number} */ dx, /** @type {number} */ dy) {
+  /** It is moved by hand. */
+  take() {
     cancelAnimationFrame(this.turning);
+    this.follows = false;
+    this.redraw();
+  }
+
+  turn(/** @type {number} */ dx, /** @type {number} */ dy) {
+    this.take();
     this.eye.yaw -= dx;
     this.eye.pitch = within(this.eye.pitch + dy, -1.5, 1.5);
-    this.redraw();
   }
 
   zoom(/** @type {number} */ factor) {
-    cancelAnimationFrame(this.turning);
+    this.take();
     this.eye.zoom = within(this.eye.zoom * factor, 0.2, 40);
-    this.redraw();
   }
 
   pan(/** @type {number} */ dx, /** @type {number} */ dy) {
-    cancelAnimationFrame(this.turning);
+    this.take();
     const { right, down } = this.axes();
-    const scale = (2 * this.extent) / Math.min(this.width, this.height);
-    for (let i = 0; i < 3; i++) this.eye.target[i] -= scale * (dx * right[i] + dy * down[i]);
-    this.redraw();
+    for (let i = 0; i < 3; i++) this.eye.target[i] -= (dx * right[i] + dy * down[i]) / this.scale;
   }
 
   axes() {
@@ -160,62 +149,47 @@ export class CloudView {
     return { back, right, down: cross(right, back) };
   }
 
-  /** Column-major: rows x right, y up, z by depth, w the depth over the distance. */
-  matrix() {
-    const { back, right, down } = this.axes();
-    const { target, distance } = this.eye;
-    const { extent } = this;
-    const aspect = this.width / this.height;
-    const wide = Math.max(1, aspect);
-    const high = Math.max(1, 1 / aspect);
-    /** @type {[number[], number, number][]} */
-    const rows = [
-      [right, 1 / (extent * wide), 0],
-      [down, -1 / (extent * high), 0],
-      [back, -1 / (3 * extent + 1), 0],
-      [back, -1 / distance, 1],
-    ];
-    const m = new Float32Array(16);
-    rows.forEach(([axis, scale, more], r) => {
-      for (let c = 0; c < 3; c++) m[4 * c + r] = scale * axis[c];
-      m[12 + r] = more - scale * dot(axis, target);
-    });
-    return m;
+  /** Pixels of the canvas to a metre at the middle of the cloth. */
+  get scale() {
+    return Math.min(this.width, this.height) / (2 * this.extent);
   }
 
-  /** Where a point appears, CSS pixels, and how far it is. */
-  toScreen(/** @type {Numbers} */ point, m = this.matrix()) {
-    const [x, y, , w] = [0, 1, 2, 3].map(
-      (r) => m[r] * point[0] + m[4 + r] * point[1] + m[8 + r] * point[2] + m[12 + r],
-    );
-    return { x: ((x / w + 1) / 2) * this.width, y: ((1 - y / w) / 2) * this.height, depth: w * this.eye.distance };
+  /** Where points appear: CSS pixels, and how far they are as a share of the distance of the middle. */
+  projection() {
+    const { right, down, back } = this.axes();
+    const { scale, width, height } = this;
+    const { target, distance } = this.eye;
+    return (/** @type {number} */ px, /** @type {number} */ py, /** @type {number} */ pz) => {
+      const [x, y, z] = [px - target[0], py - target[1], pz - target[2]];
+      const far = 1 - (back[0] * x + back[1] * y + back[2] * z) / distance;
+      const by = scale / far;
+      return {
+        x: width / 2 + by * (right[0] * x + right[1] * y + right[2] * z),
+        y: height / 2 + by * (down[0] * x + down[1] * y + down[2] * z),
+        far,
+      };
+    };
+  }
+
+  /** Where a point appears. */
+  toScreen(/** @type {XYZ} */ point) {
+    return this.projection()(...point);
   }
 
   /** The pixel of cloth that is seen at a place, or -1. */
   pixelAt(/** @type {number} */ x, /** @type {number} */ y) {
-    const m = this.matrix();
-    const { cloth } = this.scene;
-    const near = [];
-    for (let n = 0; n < cloth.count; n++) {
-      if (cloth.first[n] > this.step) continue;
-      const at = this.toScreen(cloth.xyz.subarray(3 * n, 3 * n + 3), m);
-      const away = Math.hypot(at.x - x, at.y - y);
-      if (away <= REACH_PX && at.depth > 0) near.push({ n, away, depth: at.depth });
-    }
-    const front = Math.min(...near.map((p) => p.depth));
-    const seen = near.filter((p) => p.depth <= front + LAYER_M);
-    return seen.reduce((best, p) => (p.away < best.away ? p : best), { n: -1, away: Infinity }).n;
+    const { width, height } = this.canvas;
+    const [col, row, reach] = [x, y, REACH_PX].map((px) => Math.round(px * devicePixelRatio));
+    let [best, least] = [-1, reach];
+    for (let r = Math.max(0, row - reach); r < Math.min(height, row + reach); r++)
+      for (let c = Math.max(0, col - reach); c < Math.min(width, col + reach); c++) {
+        const away = Math.hypot(r - row, c - col);
+        if (this.seen[r * width + c] >= 0 && away < least) [best, least] = [this.seen[r * width + c], away];
+      }
+    return best;
   }
 
   // --- drawing -------------------------------------------------------------------------------
-
-  resize() {
-    this.width = this.canvas.clientWidth;
-    this.height = this.canvas.clientHeight;
-    this.canvas.width = Math.max(1, Math.round(this.width * devicePixelRatio));
-    this.canvas.height = Math.max(1, Math.round(this.height * devicePixelRatio));
-    this.draw();
-  }
 
   redraw() {
     if (this.dirty) return;
@@ -225,29 +199,66 @@ export class CloudView {
 
   draw() {
     this.dirty = false;
+    const { canvas, scene } = this;
+    [this.width, this.height] = [canvas.clientWidth, canvas.clientHeight];
     if (!this.width || !this.height) return;
-    const style = getComputedStyle(this.canvas);
-    this.points?.draw(this, rgbOf(style.getPropertyValue("--ground")));
-    this.drawMarks(style);
+    const style = getComputedStyle(canvas);
+    const pen = sized(canvas, this.width, this.height);
+    const image = pen.createImageData(canvas.width, canvas.height);
+    const [red, green, blue] = rgbOf(style.getPropertyValue("--ground").trim());
+    new Uint32Array(image.data.buffer).fill(packed(red, green, blue));
+    this.seen = new Int32Array(canvas.width * canvas.height).fill(-1);
+    const depth = new Float32Array(this.seen.length).fill(Infinity);
+    const { xyz, first, grid } = scene.cloth;
+    const cloth = { xyz, rgb: this.colors, first, size: 1.5 * grid.pixel_size_m };
+    this.paint(image, depth, cloth);
+    this.paint(image, depth, { ...scene.around[this.step], first: null, size: 1.6 * scene.spacing });
+    pen.putImageData(image, 0, 0);
+    this.drawMarks(pen, style);
   }
 
-  drawMarks(/** @type {Style} */ style) {
-    const pen = sized(this.marksCanvas, this.width, this.height);
-    const m = this.matrix();
+  /**
+   * Paint points as squares, the nearest of them where several are; those that are there from the first step on have
+   * no `first`, and are pale.
+   * @param {ImageData} image @param {Float32Array} depth of each pixel, which is kept
+   * @param {{ xyz: Float32Array; rgb: Uint8Array; first: Float32Array | null; size: number }} points
+   */
+  paint({ data, width, height }, depth, { xyz, rgb, first, size }) {
+    const project = this.projection();
+    const pixels = new Uint32Array(data.buffer);
+    const ratio = devicePixelRatio;
+    const behind = first ? 0 : BEHIND_M / this.eye.distance;
+    for (let n = 0; 3 * n < xyz.length; n++) {
+      if (first && first[n] > this.step) continue;
+      const { x, y, far } = project(xyz[3 * n], xyz[3 * n + 1], xyz[3 * n + 2]);
+      if (far < NEAREST) continue;
+      const [wash, share] = first ? [NEW, first[n] === this.step ? this.tint : 0] : [PALE, WASH];
+      const [red, green, blue] = wash.map((c, i) => rgb[3 * n + i] + share * (c - rgb[3 * n + i]));
+      const color = packed(red, green, blue);
+      const wide = Math.max(1, Math.round((ratio * size * this.scale) / far));
+      const left = Math.round(ratio * x - wide / 2);
+      const top = Math.round(ratio * y - wide / 2);
+      for (let row = Math.max(0, top); row < Math.min(height, top + wide); row++)
+        for (let col = Math.max(0, left); col < Math.min(width, left + wide); col++) {
+          const at = row * width + col;
+          if (depth[at] <= far + behind) continue;
+          depth[at] = far + behind;
+          this.seen[at] = first ? n : -1;
+          pixels[at] = color;
+        }
+    }
+  }
+
+  /** @param {Context} pen @param {Style} style */
+  drawMarks(pen, style) {
     /** @type {(segments: [XYZ, XYZ][], color: string, width: number) => void} */
     const line = (segments, color, width) => {
-      pen.strokeStyle = color;
-      pen.lineWidth = width;
-      pen.lineCap = "round";
-      pen.beginPath();
-      for (const [a, b] of segments) {
-        const [from, to] = [this.toScreen(a, m), this.toScreen(b, m)];
-        if (from.depth < 0.02 || to.depth < 0.02) continue;
-        pen.moveTo(from.x, from.y);
-        pen.lineTo(to.x, to.y);
+      for (const ends of segments) {
+        const seen = ends.map((end) => this.toScreen(end));
+        if (seen.every(({ far }) => far > NEAREST)) strokeLine(pen, seen, color, width);
       }
-      pen.stroke();
     };
+    pen.lineCap = "round";
     pen.globalAlpha = 0.45;
     line(this.scene.axisLine, style.getPropertyValue("--soft"), 1);
     pen.globalAlpha = 1;
@@ -255,7 +266,7 @@ export class CloudView {
     const pick = style.getPropertyValue("--pick");
     if (this.mark.gripper)
       for (const rim of [true, false]) line(this.mark.gripper, rim ? "#fff" : pick, rim ? 5 : 2.5);
-    drawDot(pen, this.toScreen(this.mark.point, m), pick, 5.75);
+    drawDot(pen, this.toScreen(this.mark.point), pick, 5.75);
   }
 
   // --- pointer and keys ----------------------------------------------------------------------
@@ -297,89 +308,5 @@ export class CloudView {
   }
 }
 
-/** The points of a scene on the graphics card. */
-class Points {
-  /** @param {WebGL2RenderingContext} gl @param {CloudScene} scene */
-  constructor(gl, scene, /** @type {Uint8Array} */ colors = new Uint8Array(3 * scene.cloth.count)) {
-    this.gl = gl;
-    this.scene = scene;
-    this.colors = colors;
-    this.program = gl.createProgram();
-    for (const kind of [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER]) {
-      const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
-      gl.shaderSource(shader, kind === gl.VERTEX_SHADER ? POINTS.vertex : POINTS.fragment);
-      gl.compileShader(shader);
-      gl.attachShader(this.program, shader);
-    }
-    gl.linkProgram(this.program);
-    this.cloth = this.cloud(scene.cloth.xyz, colors, scene.cloth.first);
-    this.around = scene.around.map(({ xyz, rgb }) => this.cloud(xyz, rgb, null));
-    gl.enable(gl.DEPTH_TEST);
-  }
-
-  /** @param {Float32Array} xyz @param {Uint8Array} rgb @param {Float32Array | null} first */
-  cloud(xyz, rgb, first) {
-    const { gl, program } = this;
-    const array = gl.createVertexArray();
-    gl.bindVertexArray(array);
-    /** @param {string} name @param {Float32Array | Uint8Array} data @param {number} size */
-    const attribute = (name, data, size) => {
-      const buffer = gl.createBuffer();
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-      gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
-      const place = gl.getAttribLocation(program, name);
-      const bytes = data instanceof Uint8Array;
-      gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, size, bytes ? gl.UNSIGNED_BYTE : gl.FLOAT, bytes, 0, 0);
-      return buffer;
-    };
-    attribute("place", xyz, 3);
-    const color = attribute("color", rgb, 3);
-    if (first) attribute("first", first, 1);
-    else gl.vertexAttrib1f(gl.getAttribLocation(program, "first"), -1);
-    gl.bindVertexArray(null);
-    return { array, color, count: xyz.length / 3 };
-  }
-
-  /** Color the cloth, three bytes a pixel. */
-  color(/** @type {Uint8Array} */ rgb) {
-    this.colors = rgb;
-    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.cloth.color);
-    this.gl.bufferData(this.gl.ARRAY_BUFFER, rgb, this.gl.DYNAMIC_DRAW);
-  }
-
-  draw(/** @type {CloudView} */ view, /** @type {XYZ} */ ground) {
-    const { gl, program, scene } = this;
-    const { width, height } = view.canvas;
-    const at = (/** @type {string} */ name) => gl.getUniformLocation(program, name);
-    gl.viewport(0, 0, width, height);
-    gl.clearColor(...ground, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.useProgram(program);
-    gl.uniformMatrix4fv(at("clip_from_held"), false, view.matrix());
-    const pixelsPerMetre = Math.min(width, height) / (2 * view.extent);
-    gl.uniform1f(at("step"), view.step);
-    /**
-     * @param {Points["cloth"]} cloud @param {number} size @param {number} tint @param {number} lift
-     * @param {number[]} wash
-     */
-    const paint = (cloud, size, tint, lift, wash) => {
-      gl.uniform1f(at("size"), size * pixelsPerMetre);
-      gl.uniform1f(at("tint"), tint);
-      gl.uniform1f(at("lift"), lift);
-      gl.uniform4fv(at("wash"), wash);
-      gl.bindVertexArray(cloud.array);
-      gl.drawArrays(gl.POINTS, 0, cloud.count);
-    };
-    paint(this.cloth, scene.cloth.grid.pixel_size_m * 1.5, view.tint, 0, [0, 0, 0, 0]);
-    // What else was seen lies a little behind, so that it does not show through the cloth.
-    if (view.showAround) paint(this.around[view.step], 1.6 * scene.spacing, 0, 0.007, [0.62, 0.64, 0.67, 0.7]);
-    gl.bindVertexArray(null);
-  }
-}
-
-/** @returns {XYZ} */
-function rgbOf(/** @type {string} */ hex) {
-  const value = parseInt(hex.trim().slice(1), 16);
-  return [(value >> 16) / 255, ((value >> 8) & 255) / 255, (value & 255) / 255];
-}
+/** An opaque colour as a pixel of a canvas has it. @param {number} red @param {number} green @param {number} blue */
+const packed = (red, green, blue) => (255 << 24) | (blue << 16) | (green << 8) | red;

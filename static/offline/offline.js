@@ -9,8 +9,6 @@ import {
   findAll,
   isPlain,
   make,
-  NO_GRAPHICS,
-  sayWhenLost,
   setCurrent,
   setPressed,
   setText,
@@ -46,7 +44,6 @@ export class Page {
     this.step = this.last;
     this.layer = history.layers[0].name;
     this.tint = false; // whether the pixels that a step added are marked
-    this.follow = true;
     this.current = /** @type {OfflinePick | null} */ (null);
     this.flat = new FlatCanvas({
       pick: (u, v) => this.pickAt(u, v),
@@ -76,14 +73,11 @@ export class Page {
       spacing: history.around_spacing_m,
       start: this.step,
     };
-    this.cloud = new CloudView(canvasOf("cloud"), canvasOf("cloud-marks"), scene, (n) => {
+    this.cloud = new CloudView(canvasOf("cloud"), scene, (n) => {
       if (n < 0) return;
       this.turn("this"); // the points of the scene are those of this side
       this.pick(n, 0);
     });
-    showWords(byId("cloud-empty"), this.cloud.points ? "" : NO_GRAPHICS);
-    sayWhenLost(canvasOf("cloud"), byId("cloud-empty"));
-    this.cloud.setStep(this.step, false);
     this.actions = actionTable(this);
     this.fixed();
     this.show();
@@ -115,7 +109,7 @@ export class Page {
       "page-actions": ["tint", ...(this.history.other ? ["turn_over"] : []), "theme", "help"],
       layers: layers.map(({ name }) => `layer_${name}`),
       "zoom-tools": ["zoom_out", "zoom_in", "fit"],
-      "cloud-tools": ["reset", "follow", "around"],
+      "cloud-tools": ["reset"],
       "play-tools": ["back", "play", "forward"],
     };
     for (const [id, names] of Object.entries(tools)) byId(id).append(...names.map((name) => this.button(name)));
@@ -186,13 +180,7 @@ export class Page {
       setCurrent(button, order === this.step);
     }
     /** @type {Record<string, boolean>} */
-    const pressed = {
-      play: Boolean(this.timer),
-      tint: this.tint,
-      turn_over: this.flat.side === "other",
-      follow: this.follow,
-      around: this.cloud.showAround,
-    };
+    const pressed = { play: Boolean(this.timer), tint: this.tint, turn_over: this.flat.side === "other" };
     for (const { name } of this.history.layers) pressed[`layer_${name}`] = name === this.layer;
     for (const [name, on] of Object.entries(pressed)) setPressed(buttonOf(name), on);
     buttonOf("play").childNodes[0].textContent = this.timer ? "Pause" : "Play";
@@ -250,10 +238,9 @@ export class Page {
   // --- steps ---------------------------------------------------------------------------------
 
   goTo(/** @type {number} */ step, /** @type {boolean} */ tint) {
-    const moved = step !== this.step;
     this.step = step;
     this.tint = tint && step >= 0;
-    this.cloud.setStep(step, this.follow && moved);
+    this.cloud.setStep(step);
     this.show();
   }
 
@@ -288,22 +275,6 @@ export class Page {
 
   setTint(/** @type {boolean} */ on) {
     this.tint = on;
-    this.show();
-  }
-
-  setFollow(/** @type {boolean} */ on) {
-    this.follow = on;
-    if (on) this.lookAgain();
-    this.show();
-  }
-
-  lookAgain() {
-    this.cloud.setStep(this.step, true);
-  }
-
-  toggleAround() {
-    this.cloud.showAround = !this.cloud.showAround;
-    this.cloud.redraw();
     this.show();
   }
 

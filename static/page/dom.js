@@ -266,17 +266,22 @@ export const setPressed = (/** @type {Element | null} */ element, /** @type {boo
   element?.setAttribute("aria-pressed", String(on));
 
 /**
- * Rebuild a container only if what it shows has changed; keeps the focus on the same control.
+ * Rebuild a container only if what it shows has changed; keeps the focus on the same control, and what is being typed.
  * @param {HTMLElement} container @param {unknown} key @param {() => Child} build
  */
 export function rebuild(container, key, build) {
   const text = JSON.stringify(key);
   if (container.dataset.key === text) return;
-  const active = /** @type {HTMLElement | null} */ (document.activeElement);
+  const active = /** @type {HTMLInputElement | null} */ (document.activeElement);
   const focused = container.contains(active) ? active?.dataset.id : undefined;
+  const isTyped = active?.matches("[type=number], [type=text]") && active.value !== active.defaultValue;
   container.dataset.key = text;
   container.replaceChildren(...nodesOf([build()]));
-  if (focused) find(`[data-id="${CSS.escape(focused)}"]`, container)?.focus();
+  const next =
+    focused && /** @type {HTMLInputElement | null} */ (find(`[data-id="${CSS.escape(focused)}"]`, container));
+  if (!next) return;
+  if (isTyped) next.value = active?.value ?? "";
+  next.focus();
 }
 
 /**

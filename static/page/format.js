@@ -34,6 +34,9 @@ export const tipOf = (/** @type {{ description: string; keys: string[] }} */ { d
 
 export const hex = (/** @type {number[]} */ rgb) => "#" + rgb.map((c) => c.toString(16).padStart(2, "0")).join("");
 
+/** The reverse: of a colour as #rrggbb. */
+export const rgbOf = (/** @type {string} */ color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
+
 /** The longest of 1, 2, 5 times a power of ten (mm) that is at most `limit_mm`. */
 export function niceLength(/** @type {number} */ limitMm) {
   const power = 10 ** Math.floor(Math.log10(limitMm));

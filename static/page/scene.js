@@ -14,6 +14,7 @@ let shownDark = /** @type {boolean | null} */ (null);
 
 export function startScene(/** @type {(event: KeyboardEvent) => void} */ onKeyDown) {
   frame.addEventListener("load", () => {
+    frame.style.visibility = ""; // until then it would be white, also in the dark
     // Same origin: keys pressed in the scene mean the same as in the page. On the capture phase,
     // so that viser does not also fly its camera with the letters that are ours.
     frame.contentWindow?.addEventListener("keydown", onKeyDown, true);
@@ -35,6 +36,7 @@ export function loadScene(/** @type {boolean} */ force) {
   if (!gl) return;
   gl.getExtension("WEBGL_lose_context")?.loseContext(); // browsers allow a page few of them
   const address = new URL(shownDark ? "viser/?darkMode" : "viser/", document.baseURI).href;
+  frame.style.visibility = "hidden";
   if (frame.contentWindow && frame.dataset.loaded) frame.contentWindow.location.replace(address);
   else frame.src = address;
   frame.dataset.loaded = "yes";

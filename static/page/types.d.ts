@@ -186,6 +186,7 @@ declare global {
     image: Drawable | Pyramid;
     address?: string;
     pixels?: Uint8ClampedArray;
+    rim?: UV[];
     outline?: Pyramid;
   };
   /** Draws over the pictures of the flattened view. */

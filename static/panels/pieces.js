@@ -3,7 +3,7 @@
 
 import { PagePart } from "../page/page.js";
 import { strokeLoop } from "../canvas/marks.js";
-import { applied, boxOf, boxOfPoints, cornersOf, inBox } from "../canvas/geometry.js";
+import { applied, boxOf, cornersOf, inBox } from "../canvas/geometry.js";
 import { joiningText, overlapOfPiece, overlapOfProposal } from "../canvas/overlap.js";
 import { drawCaption, drawMoved, drawPieces } from "../canvas/pieces.js";
 import { byId, make, rebuild, smallButton, swatch } from "../page/dom.js";
@@ -25,10 +25,8 @@ export class PiecesPanel extends PagePart {
 
   constructor(/** @type {Page} */ page) {
     super(page);
-    page.canvas.around.push(() => {
-      const place = this.places.get(this.chosen ?? "")?.outline_uv_m ?? [];
-      return place.length ? boxOfPoints(place.flat(2)) : null;
-    });
+    page.canvas.around.push(() => this.pieces.flatMap(({ placed, grid }) => (placed ? [] : cornersOf(boxOf(grid)))));
+    page.canvas.around.push(() => (this.places.get(this.chosen ?? "")?.outline_uv_m ?? []).flat());
   }
 
   update(/** @type {State} */ state) {

@@ -277,8 +277,8 @@ export class Repair {
       });
     }
     for (const { index, end, x, y } of ends) {
-      drawDot(context, { x, y }, end === "own" ? "#e67e00" : style.getPropertyValue("--accent"), 9, 2);
-      context.fillStyle = end === "own" ? "#241300" : style.getPropertyValue("--on-accent");
+      drawDot(context, { x, y }, style.getPropertyValue(end === "own" ? "--text" : "--accent"), 9, 2);
+      context.fillStyle = style.getPropertyValue(end === "own" ? "--panel" : "--on-accent");
       context.fillText(String(index + 1), x, y + 0.5);
     }
     context.textAlign = "start";

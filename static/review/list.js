@@ -3,7 +3,7 @@
 import { PagePart } from "../page/page.js";
 import { byId, closeButton, find, findAll, focusOn, make, rebuild, smallButton, taken, within } from "../page/dom.js";
 import { number } from "../page/format.js";
-import { added, doubtsOf, flagsOf, isFlattened, scoreBar, STATES, thumbsOf } from "./timeline.js";
+import { added, doubtsOf, flagsOf, isFlattened, scoreBar, STATES, thumbOf } from "./timeline.js";
 
 const UNDECIDED = ["unused", "pending", "skipped", "later"];
 const LEFT_OUT = ["rejected", "skipped"];
@@ -128,7 +128,7 @@ export class ReviewList extends PagePart {
         class: `${view.state}${view.flagged ? " flagged" : ""}`,
         click: (event) => event.target.closest("button") || goTo(),
       },
-      make("td.pair", known && thumbsOf(view, state)),
+      make("td.pair", known && ["color.jpg", "flat.png"].map((file) => thumbOf(view, state, file))),
       make("td", smallButton(String(view.index), goTo, there)),
       make("td.figure", `${number(view.angle_deg, 0)}°`),
       make("td.figure", view.order === null ? "" : view.order === 0 ? "start" : String(view.order)),

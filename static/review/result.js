@@ -7,7 +7,7 @@ import { exportButton, showExports } from "../page/exports.js";
 import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
 
 const MOST = 4; // of each list
-const LEAST_CM2 = 1; // less is not worth a line
+const LEAST_CM2 = 2; // less is not worth a line
 const CM2 = 1e4; // in a square metre
 
 export class ResultPanel extends PagePart {
@@ -138,7 +138,7 @@ export class ResultPanel extends PagePart {
     const best = open.slice(0, 3).filter(([, area]) => likely(area) >= LEAST_CM2);
     return [
       make("h3", "Another view"),
-      !best.length && make("p.note", reason || "None would add a square centimetre."),
+      !best.length && make("p.note", reason || "None would add cloth worth a view."),
       make(
         "ul",
         ...best.map(([view, area]) => {

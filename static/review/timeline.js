@@ -86,13 +86,14 @@ export class Timeline {
   }
 
   /**
-   * The image, under the sides of its cloth if they are found here, and the flattened view if there is one.
+   * The flattened view if there is one, and the image under the sides of its cloth if they are found here.
    * @param {ViewRow} view @param {State} state @param {string[] | null | undefined} labelled
    */
   pictures(view, state, labelled) {
-    const [color, flat] = isFlattened(view) ? thumbsOf(view, state) : [];
-    if (!labelled) return [color, flat];
-    return [make("span.labelled", ...labelled.map(picture)), flat];
+    return [
+      labelled && make("span.labelled", ...labelled.map(picture)),
+      isFlattened(view) && thumbOf(view, state, "flat.png"),
+    ];
   }
 
   // --- turning the item --------------------------------------------------------------------------
@@ -174,9 +175,8 @@ export const isFlattened = (/** @type {ViewRow} */ view) => view.state !== "unus
 export const picture = (/** @type {string} */ src) =>
   make("img", { src, alt: "", loading: "lazy", draggable: "false" });
 
-/** The color image and the flattened view. @param {ViewRow} view @param {State} state */
-export const thumbsOf = (view, state) =>
-  ["color.jpg", "flat.png"].map((file) => picture(`review/${view.index}/${file}?v=${state.review?.token}`));
+/** Its color image or flattened view, by the file's name. @param {ViewRow} view @param {State} state @param {string} file */
+export const thumbOf = (view, state, file) => picture(`review/${view.index}/${file}?v=${state.review?.token}`);
 
 export const scoreBar = (/** @type {number | null} */ score, /** @type {boolean} */ low) =>
   make(

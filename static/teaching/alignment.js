@@ -1,11 +1,11 @@
 // What stages 12 to 16 draw: the new view, the lines, the overlay, the search, the renewed view.
 
-import { cm2, degrees, mm, number } from "../page/format.js";
+import { cm2, degrees, mm, number, rgbOf } from "../page/format.js";
 import { applied, boxOf, movedBox, union } from "../canvas/geometry.js";
 import { outlineOf } from "../canvas/picture.js";
 import { within } from "../page/dom.js";
 import { between, lastOf } from "./lesson.js";
-import { columns, painted, rgbOf, rows } from "./draw.js";
+import { columns, painted, rows } from "./draw.js";
 import { imageBox } from "./detail.js";
 import { Plot, ticks } from "./plot.js";
 import { viewName } from "./rotation.js";
@@ -40,14 +40,14 @@ function drawLine(sheet, map, line, pixels, /** @type {Motion | null} */ moved =
 // --- overlay and search ----------------------------------------------------------------------------
 
 /**
- * @param {Sheet} sheet @param {Rect} rect @param {AlignmentLesson} lesson @param {Motion} motion @param {string} key
+ * @param {Sheet} sheet @param {Rect} rect @param {AlignmentLesson} lesson @param {Motion} motion
  * @param {boolean} withLines
  */
-function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
+function drawOverlay(sheet, rect, lesson, motion, withLines) {
   const [currentBox, newBox] = [boxOf(lesson.current), boxOf(lesson.new)];
   const ends = [lesson.initial, lesson.found, motion].map((m) => movedBox(newBox, m));
   const { current_color, new_color } = lesson.picture;
-  sheet.show(key, ends.reduce(union, currentBox), rect, { margin: 10, bar: true }, (map) => {
+  sheet.show("overlay", ends.reduce(union, currentBox), rect, { margin: 10, bar: true }, (map) => {
     sheet.picture(map, current_color, currentBox, 0.75);
     sheet.movedPicture(map, new_color, newBox, motion, 0.6);
     sheet.picture(map, outlineOf(current_color, sheet.color.kept), currentBox);
@@ -187,22 +187,6 @@ export const ALIGNMENT_STAGES = {
       });
     },
   },
-  initial_overlay: {
-    facts: ({ alignment: a }) => [
-      ["Turn θ", degrees((180 * a.initial[0]) / Math.PI)],
-      ["Shift t", `${mm(1000 * a.initial[1], 0)}, ${mm(1000 * a.initial[2], 0)}`],
-      ["Score", number(a.initial_score, 2)],
-    ],
-    draw: (sheet, rect, { alignment: lesson }) =>
-      drawOverlay(
-        sheet,
-        sheet.titled(rect, "The plane", "the new view at its initial place"),
-        lesson,
-        lesson.initial,
-        "overlay",
-        true,
-      ),
-  },
   search: {
     plays: ({ alignment: a }) => a.search.motions.length - 1,
     facts({ alignment: lesson }) {
@@ -226,7 +210,7 @@ export const ALIGNMENT_STAGES = {
       const [left, right] = columns(rect, [0.52, 0.48]);
       const { turns_deg: turns, shifts_mm: shifts, motions } = lesson.search;
       const motion = between(motions, ui.time);
-      drawOverlay(sheet, sheet.titled(left, "The plane", stepName(lesson, ui)), lesson, motion, "overlay", false);
+      drawOverlay(sheet, sheet.titled(left, "The plane", stepName(lesson, ui)), lesson, motion, ui.time < 0.5);
       const path = lesson.array.path;
       const last = path.slice(-3);
       const slice = turns.reduce(

@@ -37,8 +37,6 @@ export const inset = (rect, left, top = left, right = left, bottom = top) => ({
 /** @param {Rect} rect @param {number} x @param {number} y */
 export const inside = (rect, x, y) => x >= rect.x && y >= rect.y && x <= rect.x + rect.w && y <= rect.y + rect.h;
 
-export const rgbOf = (/** @type {string} */ color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
-
 /**
  * A picture made pixel by pixel: `colorAt(index)` is [r, g, b, alpha], or nothing.
  * @param {number} rowsCount @param {number} cols @param {(i: number) => number[] | null} colorAt

@@ -36,6 +36,13 @@ function detailStart(/** @type {Lessons} */ { flattening }) {
   return middles[Math.floor(middles.length / 2)] ?? [0, 0];
 }
 
+/** The level that is minimised at a time, and the time in it: the coarse one, then the fine one. @returns {[Level, number]} */
+function levelAt(/** @type {FlatteningLesson} */ { levels }, /** @type {number} */ time) {
+  const [coarse] = levels;
+  const first = coarse.states.length;
+  return time < first || levels.length < 2 ? [coarse, Math.min(time, first - 1)] : [lastOf(levels), time - first];
+}
+
 // --- the flattened view ----------------------------------------------------------------------------
 
 /** The pixel of the flattened view under the probe: its index, or -1. */
@@ -104,18 +111,9 @@ export const FLATTENING_STAGES = {
     },
   },
   minimisation: {
-    plays: ({ flattening: f }) => f.levels[0].states.length - 1,
-    facts: ({ flattening: f }, ui) => minimisationFacts(f.levels[0], ui),
-    draw: (sheet, rect, { flattening: lesson }, ui) => drawMinimisation(sheet, rect, lesson.levels[0], ui, "coarse"),
-  },
-  finer_level: {
-    plays: ({ flattening: f }) => lastOf(f.levels).states.length - 1,
-    facts: ({ flattening: f }, ui) => [
-      ["Samples", `${lastOf(f.levels).points} (before ${f.levels[0].points})`],
-      ...minimisationFacts(lastOf(f.levels), ui),
-    ],
-    draw: (sheet, rect, { flattening: lesson }, ui) =>
-      drawMinimisation(sheet, rect, lastOf(lesson.levels), ui, "fine"),
+    plays: ({ flattening: f }) => f.levels.reduce((sum, level) => sum + level.states.length, 0) - 1,
+    facts: ({ flattening: f }, ui) => minimisationFacts(...levelAt(f, ui.time)),
+    draw: (sheet, rect, { flattening: f }, ui) => drawMinimisation(sheet, rect, ...levelAt(f, ui.time)),
   },
   triangulation: {
     probe: "mesh",

@@ -19,6 +19,7 @@ import { PLANNING_STAGES } from "./rotation.js";
 import { SIDE_STAGES } from "./sides.js";
 import { RECORDING_STAGES } from "./recording.js";
 import { SEAM_STAGES } from "./seams.js";
+import { SHAPE_STAGES } from "./joints.js";
 
 /** @type {Record<string, StageCode>} by the names of the pages, which have their order */
 const CODE = {
@@ -28,6 +29,7 @@ const CODE = {
   ...SIDE_STAGES,
   ...GARMENT_STAGES,
   ...SEAM_STAGES,
+  ...SHAPE_STAGES,
   ...RECORDING_STAGES,
 };
 export const FRAME = make("section#teaching.teaching", {

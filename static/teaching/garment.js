@@ -86,15 +86,14 @@ function drawEnergy(sheet, rect, lesson, time, best) {
 
 /**
  * A bar a kind, with its probability and its evidence below the best.
- * @param {Sheet} sheet @param {Rect} rect @param {GarmentLesson} lesson
+ * @param {Sheet} sheet @param {Rect} rect @param {{ name: string; probability: number; below: number | null }[]} all
+ * @param {string[]} colors names of those of the first
  */
-function drawBars(sheet, rect, lesson) {
-  /** @type {{ name: string; probability: number; below: number | null }[]} */
-  const all = [...lesson.kinds, { name: "none of these", probability: lesson.none, below: null }];
+export function drawBars(sheet, rect, all, colors) {
   const high = Math.min(rect.h / all.length, 3.6 * sheet.em);
   all.forEach(({ name, probability, below }, k) => {
     const y = rect.y + k * high;
-    const color = sheet.color[KIND_COLORS[k]] ?? sheet.color.soft;
+    const color = sheet.color[colors[k]] ?? sheet.color.soft;
     sheet.text(asWords(name), rect.x, y + 1.1 * sheet.em, { weight: k ? 400 : 600 });
     sheet.text(percent(probability), rect.x + rect.w, y + 1.1 * sheet.em, { align: "right" });
     const at = y + 1.75 * sheet.em;
@@ -175,7 +174,8 @@ export const GARMENT_STAGES = {
         for (let k = kinds.length - 1; k >= 0; k--)
           sheet.loop(map, outlines[k], sheet.color[KIND_COLORS[k]], k ? 1.8 : 2.8, k ? [6, 4] : []);
       });
-      drawBars(sheet, sheet.titled(right, "Probability", "by this shape alone"), lesson);
+      const all = [...lesson.kinds, { name: "none of these", probability: lesson.none, below: null }];
+      drawBars(sheet, sheet.titled(right, "Probability", "by this shape alone"), all, KIND_COLORS);
     },
   },
 };

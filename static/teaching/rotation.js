@@ -1,8 +1,8 @@
 // What stages 9 to 11 draw: Z-angles, the curves over the columns, and the rotation.
 
-import { cm2, degrees, mm, number } from "../page/format.js";
+import { cm2, degrees, mm, number, rgbOf } from "../page/format.js";
 import { boxOf, pixelAt } from "../canvas/geometry.js";
-import { columns, inset, painted, rgbOf, rows } from "./draw.js";
+import { columns, inset, painted, rows } from "./draw.js";
 import { middleOf, shareOf } from "./detail.js";
 import { Plot, ticks } from "./plot.js";
 

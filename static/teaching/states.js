@@ -1,9 +1,9 @@
 // States of the minimisation: pairs colored by their error of length, energy, and shares of errors.
 
-import { count, hex, mm, number } from "../page/format.js";
+import { count, hex, mm, number, rgbOf } from "../page/format.js";
 import { within } from "../page/dom.js";
 import { union, boxOfPoints } from "../canvas/geometry.js";
-import { columns, rgbOf, rows } from "./draw.js";
+import { columns, rows } from "./draw.js";
 import { between, energy, iterationAt, lastOf, strains } from "./lesson.js";
 import { Plot } from "./plot.js";
 
@@ -88,28 +88,23 @@ export function statePane(sheet, rect, level, time, key) {
 export const rms = (level, h) => Math.sqrt(h / Math.max(1, level.mainLength.length));
 export const planeShare = 0.46;
 
-/** @param {Sheet} sheet @param {Rect} rect @param {Level} level @param {Ui} ui @param {string} key */
-export function drawMinimisation(sheet, rect, level, ui, key) {
+/** @param {Sheet} sheet @param {Rect} rect @param {Level} level @param {number} time */
+export function drawMinimisation(sheet, rect, level, time) {
   const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
-  const iteration = iterationAt(level, ui.time);
-  const { strain, now } = statePane(
-    sheet,
-    sheet.titled(left, "The plane", `iteration ${number(iteration, 0)}`),
-    level,
-    ui.time,
-    key,
-  );
+  const name = `${level.name} samples, iteration ${number(iterationAt(level, time), 0)}`;
+  const { strain, now } = statePane(sheet, sheet.titled(left, "The plane", name), level, time, level.name);
   const [top, bottom] = rows(right, [1.1, 1]);
-  energyPlot(sheet, sheet.titled(top, "Energy"), level, ui.time, now);
+  energyPlot(sheet, sheet.titled(top, "Energy"), level, time, now);
   histogram(sheet, sheet.titled(bottom, "Lengths"), strain);
 }
 
 /** @returns {Fact[]} */
-export function minimisationFacts(/** @type {Level} */ level, /** @type {Ui} */ ui) {
-  const now = energy(level, strains(level, between(level.states, ui.time)));
+export function minimisationFacts(/** @type {Level} */ level, /** @type {number} */ time) {
+  const now = energy(level, strains(level, between(level.states, time)));
   const [first, last] = [level.energy_mm2[0], lastOf(level.energy_mm2)];
   return [
-    ["Iteration", `${number(iterationAt(level, ui.time), 0)} of ${level.energy_mm2.length - 1}`],
+    ["Samples", `${level.points}, ${level.name}`],
+    ["Iteration", `${number(iterationAt(level, time), 0)} of ${level.energy_mm2.length - 1}`],
     ["H now", `${threeDigits(now)} mm²`],
     ["H, first to last", `${threeDigits(first)} → ${threeDigits(last)} mm²`],
     ["Error of a pair (rms)", mm(rms(level, now), 2)],

@@ -9,7 +9,7 @@ import { fetchLesson, LessonError } from "./lesson.js";
 import { onTheme } from "../page/theme.js";
 
 const AHEAD = /** @type {PartName[]} */ (["flattening", "planning", "alignment"]); // asked for before they are wanted
-const PARTS = /** @type {PartName[]} */ ([...AHEAD, "start", "sides", "garment", "seams", "check"]);
+const PARTS = /** @type {PartName[]} */ ([...AHEAD, "start", "sides", "garment", "seams", "check", "shape"]);
 const PARAMETERS = /** @type {ParameterName[]} */ (["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"]);
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer
@@ -151,7 +151,7 @@ export class Teaching {
   /** Take a new state of the session: its other side may be known by now. */
   follow() {
     const { part } = STAGES[this.at];
-    if (this.open && part === "seams" && this.lessons[part]?.key !== this.key(part)) this.load();
+    if (this.open && ["seams", "shape"].includes(part) && this.lessons[part]?.key !== this.key(part)) this.load();
   }
 
   parameters() {
@@ -163,6 +163,7 @@ export class Teaching {
     if (part === "sides") return {}; // the same whatever is changed
     if (part === "garment") return { revision: this.session.garment() };
     if (part === "seams") return { revision: this.session.other() };
+    if (part === "shape") return { known: Number(this.session.shape() !== null) };
     const start = this.session.startView();
     /** @type {Record<string, number>} */
     const query = start === null ? {} : { start_view: start };
@@ -190,6 +191,12 @@ export class Teaching {
     const query = this.query(part);
     const key = this.key(part);
     const before = this.lessons[part];
+    if (part === "shape") {
+      const lesson = this.session.shape();
+      const error = lesson ? null : "The shape of this session is not known yet: it is being drawn, or asked for.";
+      this.lessons[part] = { ...NOTHING, key, lesson, error };
+      return this.update();
+    }
     if (before?.key === key && (before.abort || before.lesson || !wanted)) return before.promise;
     this.abort(part);
     const abort = new AbortController();

@@ -9,7 +9,7 @@ declare global {
   type Plot = PlotClass;
   type Teaching = TeachingClass;
   type NumberArray = Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array;
-  type PartName = "flattening" | "start" | "planning" | "alignment" | "sides" | "garment" | "seams" | "check";
+  type PartName = "flattening" | "start" | "planning" | "alignment" | "sides" | "garment" | "seams" | "check" | "shape";
   type ParameterName = "sampling_interval_px" | "z_angle_limit_deg" | "overlap_cm2";
 
   /** From a pane's own units to CSS pixels. */
@@ -79,6 +79,8 @@ declare global {
     garment: () => number;
     other: () => number;
     findOther: () => unknown;
+    /** Null until it is known. */
+    shape: () => ShapeLesson | null;
     run: (name: string) => void;
   };
   type Lessons = {
@@ -90,11 +92,19 @@ declare global {
     garment: GarmentLesson;
     seams: SeamsLesson;
     check: CheckLesson;
+    shape: ShapeLesson;
+  };
+  /** What the page has of the session: its shape, and the joints that are in doubt. */
+  type ShapeLesson = Lesson & {
+    grid: Grid;
+    joints: import("../page/messages").JointInfo[];
+    area_cm2: number;
+    views: number;
   };
   type CheckLesson = Lesson & { other_view: number; recorded_deg: number; seen_deg: number; std_deg: number };
   type Lesson = {
     array: Record<string, Float32Array>;
-    picture: Record<string, ImageBitmap>;
+    picture: Record<string, Drawable>;
     parameters: Record<ParameterName, number>;
     defaults: Record<ParameterName, number>;
     sliders: Record<ParameterName, { low: number; high: number; step: number }>;
@@ -190,13 +200,8 @@ declare global {
       rotation_deg: number;
     } | null;
   };
-  type Crop = { rows: number; cols: number; offset_rc: [number, number] };
   type SidesLesson = Lesson & {
-    first: Crop;
-    item_px: number;
-    n_views: number;
-    cut_off_cm2: Record<string, number>;
-    clusters: number;
+    first: { rows: number; cols: number };
     n_alike: number;
     n_opposite: number;
     samples: number;

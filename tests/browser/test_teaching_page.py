@@ -8,8 +8,8 @@ from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
-STAGES = 26
-SAMPLING, MINIMISATION, FLATTENED, Z_ANGLE, CURVES, ROTATION, SEARCH = 2, 5, 8, 10, 11, 12, 16
+STAGES = 23
+SAMPLING, MINIMISATION, FLATTENED, Z_ANGLE, ROTATION, SEARCH = 2, 5, 7, 9, 11, 14
 
 
 class Lesson:
@@ -146,7 +146,9 @@ def test_the_minimisation_plays_beside_its_energy(open_lesson):
     lesson.until(f"!t.playing && t.time >= {paused}")
     first, last = (float(x) for x in lesson.fact("H, first to last").removesuffix("mm²").split("→"))
     assert first > last
-    assert first >= begun >= last  # a slow browser may have played to the end before the key arrived
+    assert (
+        begun >= last
+    )  # of the fine samples; a slow browser may have played to the end before the key arrived
     assert float(lesson.fact("H now").split()[0]) == pytest.approx(last, rel=0.02)
     slider = lesson.page.get_by_label("Place in the animation")
     slider.press("Home")

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { boxOf, contains, grown, Transform, union } from "../../static/canvas/geometry.js";
+import { boxOf, contains, cornersOf, grown, rimOf, Transform, union } from "../../static/canvas/geometry.js";
 
 const near = (a, b, within = 1e-9) => assert.ok(Math.abs(a - b) < within, `${a} is not ${b}`);
 const same = (a, b) => Object.keys(b).forEach((key) => near(a[key], b[key]));
@@ -55,7 +55,7 @@ test("a box fits the pane with its margin, and its middle lies in the middle", (
   for (const angle of [0, 0.5, Math.PI / 2]) {
     const at = new Transform();
     at.turn(angle, false, 0, 0);
-    at.fit(box, 500, 400, 30);
+    at.fit(cornersOf(box), 500, 400, 30);
     same(at.toPane(0.2, 0.3), { x: 250, y: 200 });
     const corners = [box.left, box.right].flatMap((u) => [box.top, box.bottom].map((v) => at.toPane(u, v)));
     const margins = corners.flatMap(({ x, y }) => [x, 500 - x, y, 400 - y]);
@@ -77,4 +77,15 @@ test("the union of boxes holds both, and of one and none is that one", () => {
   assert.equal(union(null, b), b);
   assert.equal(union(a, undefined), a);
   assert.ok(contains(grown(a, 0.1), a) && !contains(a, grown(a, 0.1)));
+});
+
+test("a turned raster fills the pane with its opaque pixels, not with its corners", () => {
+  const grid = { rows: 41, cols: 41, origin_uv_m: [-0.2, -0.2], pixel_size_m: 0.01 };
+  const pixels = new Uint8ClampedArray(4 * 41 * 41);
+  for (let i = 0; i < 41; i++) pixels[4 * (20 * 41 + i) + 3] = pixels[4 * (41 * i + 20) + 3] = 255; // a cross
+  const at = new Transform();
+  at.turn(Math.PI / 4, false, 0, 0);
+  at.fit(rimOf(grid, pixels), 500, 500, 50);
+  const [right] = [[0.2, 0]].map(([u, v]) => at.toPane(u, v));
+  same(right, { x: 450, y: 450 });
 });

@@ -8,7 +8,12 @@ function drawn(pieces) {
     { fillRect: (...box) => plates.push(box), measureText: () => ({ width: 60 }) },
     { get: (own, name) => own[name] ?? (() => {}), set: () => true },
   );
-  const canvas = { width: 400, transform: { toPane: (u, v) => ({ x: 1000 * u, y: 1000 * v }) } };
+  const canvas = {
+    width: 400,
+    height: 600,
+    context,
+    transform: { toPane: (u, v) => ({ x: 1000 * u, y: 1000 * v }) },
+  };
   drawPieces(canvas, context, { getPropertyValue: () => "#000" }, pieces, null);
   return plates.filter(([, , wide]) => wide > 6).map(([x, y, w, h]) => ({ x, y, w, h }));
 }

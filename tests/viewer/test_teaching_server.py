@@ -233,7 +233,6 @@ def test_the_sides_without_masks_are_shown_with_their_evidence():
     values, body = lesson(Page(routes), "sides")
     assert values["kind"] == "sides"
     assert_whole(values, body)
-    assert set(values["cut_off_cm2"]) == {"gripper"}
     place, opposite = array(values, body, "section_mm"), array(values, body, "opposite")
     side, normal = array(values, body, "section_side"), array(values, body, "section_normal")
     assert len(opposite) > 10
@@ -245,8 +244,6 @@ def test_the_sides_without_masks_are_shown_with_their_evidence():
     first = array(values, body, "first_side")
     assert first.shape == (values["first"]["rows"], values["first"]["cols"])
     assert set(np.unique(first)) == {1, 2}
-    certain = array(values, body, "first_percent")
-    assert certain[first == 1].min() >= 50
 
 
 def test_the_garment_is_explained_by_an_example_until_there_is_a_shape(integration):

@@ -23,7 +23,7 @@ from flatcloth.checking.check import CheckLesson, check_lesson
 from flatcloth.core.decoding import Finite, MisfitError, fitted
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.parcel import Parcel, record
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, Progress, RotationAxis, Uint8
+from flatcloth.core.types import MIRROR, FlattenedView, Int32, Progress, RotationAxis, Uint8
 from flatcloth.engine.sheet import outline_loops
 from flatcloth.engine.teaching import (
     AlignmentLesson,
@@ -132,7 +132,8 @@ def _level(level: Level, unused: Int32) -> tuple[dict[str, Any], dict[str, Any]]
 
 def _image(surface: Surface) -> Uint8:
     """Return the part of the image around the item, pale off the surface (H, W, 4)."""
-    return _faded(surface.frame.color, surface.usable)
+    alpha = np.where(surface.usable, 255, _OFF_THE_SURFACE_ALPHA).astype(np.uint8)
+    return np.dstack([surface.frame.color, alpha])
 
 
 def _normals(view: FlattenedView) -> Uint8:
@@ -276,48 +277,34 @@ def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
         "seen_deg": pair.turns[0].seen_deg,
         "std_deg": pair.turns[0].std_deg,
     }
-    laid = _faded(picture, np.ones(picture.shape[:2], dtype=bool))
+    laid = np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])
     return parcel_of(values, {"laid": laid, "turn_deg": lesson.turn_deg, "share": lesson.share})
 
 
 def sides_parcel(lesson: SidesLesson) -> Parcel:
     """Return the drawing data of the side of interest."""
-    found, section, frame = lesson.found, lesson.section, lesson.frame
-    observed = found.observed
-    view = observed.views[frame.view_index]
-    item = view.whole(view.item)
-    cut: dict[str, float] = {}
-    for piece in found.cut_off:
-        if piece.view_index == frame.view_index:
-            cut[piece.kind] = cut.get(piece.kind, 0.0) + CM2 * piece.area_m2
-    labels = found.view(frame.view_index)
+    found, section = lesson.found, lesson.section
+    observed, view_index = found.observed, lesson.frame.view_index
+    labels = found.view(view_index)
     assert labels is not None
     weight, (rows, cols) = observed.graph.weight, labels.side.shape
     values = {
-        "view_index": frame.view_index,
-        "item_px": item.sum(),
-        "cut_off_cm2": cut,
-        "n_views": len(observed.views),
-        "clusters": observed.clusters.count,
+        "view_index": view_index,
         "n_alike": (weight > 0).sum(),
         "n_opposite": (weight < 0).sum(),
         "samples": observed.config.samples,
         "certainty": found.mean_certainty,
         "found_cm2": CM2 * found.area_of_interest_m2,
         "undecided_cm2": CM2 * found.area_undecided_m2,
-        "first": {"rows": rows, "cols": cols, "offset_rc": labels.offset_rc},
+        "first": {"rows": rows, "cols": cols},
     }
-    at_section = np.isin(view.cluster, section.cluster) & view.surface
     arrays: dict[str, Any] = {
-        "image": _faded(frame.color, item),
         "section_mm": 1e3 * section.place_m,
         "section_normal": section.normal,
         "section_side": found.side[section.cluster],
         "alike": section.alike,
         "opposite": section.opposite,
-        "section_rc": np.argwhere(at_section).astype(np.int16),
         "first_side": labels.side,
-        "first_percent": np.rint(100 * labels.certainty).astype(np.uint8),
     }
     return parcel_of(values, arrays)
 
@@ -407,11 +394,6 @@ def seams_parcel(other: OtherSheet | None) -> Parcel:
         ],
     }
     return parcel_of(values, arrays)
-
-
-def _faded(color: Uint8, item: Bool) -> Uint8:
-    """Return an image, pale off the item (H, W, 4)."""
-    return np.dstack([color, np.where(item, 255, _OFF_THE_SURFACE_ALPHA).astype(np.uint8)])
 
 
 PARTS = ("flattening", "start", "planning", "alignment", "sides", "garment", "seams", "check")
