@@ -66,9 +66,10 @@ class Evaluation:
     truly 20 to 200 mm apart, in mm; ``*_far_share`` beyond 20 mm; ``wrong_side_share`` of pixels
     that are not on the outer face of the panel of interest; ``coverage`` of the reachable cells.
     If the result has a placement uncertainty: ``firm_share`` of the pixels are reliable, with a
-    standard deviation of at most 10 mm; ``firm_*`` are their absolute errors; and
-    ``within_3_std_share`` is the share of all pixels whose error is at most three standard
-    deviations plus 1 mm. Otherwise these are NaN.
+    standard deviation of at most 10 mm; ``firm_*`` are their errors; and ``within_3_std_share`` is the
+    share of all pixels whose error is at most three standard deviations plus 1 mm. Deviations are from
+    the reliable cloth, so for these each pixel counts in the fit as much as it claims to be right; with
+    all alike, a large part that is said to hang doubtfully would turn what is right. Otherwise these are NaN.
     """
 
     absolute_median_mm: float
@@ -139,7 +140,7 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
         wrong_side_share=float((~known).mean()),
         coverage=float((placed & reachable).sum() / max(int(reachable.sum()), 1)),
         pixels=int(view.valid.sum()),
-        **_of_uncertainty(view, known, error_mm),
+        **_of_uncertainty(at, true_uv, 1e-3 * _std_mm(view, known)),
     )
     return Comparison(
         evaluation=evaluation,
@@ -149,21 +150,21 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
     )
 
 
-def _of_uncertainty(view: FlattenedView, known: Bool, error_mm: Float64) -> dict[str, float]:
-    """Return the evaluation of the placement uncertainty, if the result has one."""
-    if view.placement_std_m is None:
+def _of_uncertainty(at_m: Float64, true_m: Float64, std_m: Float64) -> dict[str, float]:
+    """Return the evaluation of the placement uncertainty (K,), if the result has one."""
+    if not np.isfinite(std_m).any():
         return {}
-    std_mm = _std_mm(view, known)
-    firm = error_mm[std_mm <= 1e3 * FIRM_M]
+    error_m = np.linalg.norm(trimmed_motion(at_m, true_m, std_m).apply(at_m) - true_m, axis=1)
+    firm_mm = 1e3 * error_m[std_m <= FIRM_M]
     figures = {
-        "firm_share": float((std_mm <= 1e3 * FIRM_M).mean()),
-        "within_3_std_share": float((error_mm <= 3.0 * std_mm + 1.0).mean()),
+        "firm_share": float((std_m <= FIRM_M).mean()),
+        "within_3_std_share": float((error_m <= 3.0 * std_m + 0.001).mean()),
     }
-    if firm.size:
+    if firm_mm.size:
         figures |= {
-            "firm_median_mm": float(np.median(firm)),
-            "firm_p95_mm": float(np.percentile(firm, 95)),
-            "firm_far_share": float((firm > 1e3 * FAR_M).mean()),
+            "firm_median_mm": float(np.median(firm_mm)),
+            "firm_p95_mm": float(np.percentile(firm_mm, 95)),
+            "firm_far_share": float((firm_mm > 1e3 * FAR_M).mean()),
         }
     return figures
 
@@ -198,15 +199,19 @@ def trimmed_fit(points: Float64, target: Float64) -> Float64:
     return trimmed_motion(points, target).apply(points)
 
 
-def trimmed_motion(points: Float64, target: Float64) -> Rigid2:
+def trimmed_motion(points: Float64, target: Float64, std_m: Float64 | None = None) -> Rigid2:
     """Return the motion (no mirror, no scale) of points (N, 2) onto the target by which 90 % fit best.
 
-    Each round fits the pixels that were nearest after the previous one, until these no longer change.
+    Each round fits the pixels that were nearest after the previous one, until these no longer change. With
+    deviations (N,), distances are in these, and each point counts by them.
     """
+    scale = np.ones(len(points))
+    if std_m is not None:  # what has none counts as what has the largest
+        scale = 0.001 + 3.0 * np.nan_to_num(std_m, nan=std_m[np.isfinite(std_m)].max(initial=0.0))
     kept, motion = np.ones(len(points), dtype=bool), Rigid2()
     for _ in range(20):
-        motion = fit_rigid2(points[kept], target[kept])
-        distance = np.linalg.norm(motion.apply(points) - target, axis=1)
+        motion = fit_rigid2(points[kept], target[kept], scale[kept] ** -2.0)
+        distance = np.linalg.norm(motion.apply(points) - target, axis=1) / scale
         nearest = distance <= np.quantile(distance, 1.0 - TRIM_SHARE)
         if (nearest == kept).all():
             break
@@ -346,8 +351,8 @@ class SidesEvaluation:
     ``this_seen``, ``other_seen``: of the 5 mm cells of a side that any view shows, the share in its shape.
     ``true_match_share``: of the places of all seams, joining or not, those that are one place of the pattern;
     ``false_seams``: joining seams of which less than half are. ``related_*`` are errors, mm, of the other
-    side's pixels after the motion that fits this side's reliable pixels to the truth; NaN if no seam relates
-    them.
+    side's pixels after the motion of this side onto the truth, fitted as for the deviations of
+    :class:`Evaluation`; NaN if no seam relates them.
     """
 
     other: Evaluation
@@ -401,7 +406,8 @@ def compare_sides(
     evaluation = compare(other, its_truth, unmasked).evaluation
     if not sides.is_related:
         return SidesEvaluation(other=evaluation, **seen)
-    true_from_this = _fit(this, truth)
+    own_at, own_true, known = true_places(this, truth)
+    true_from_this = trimmed_motion(own_at, own_true, 1e-3 * _std_mm(this, known))
     at, true, known = true_places(other, its_truth)
     error_m = np.linalg.norm(true_from_this.apply(at * MIRROR) - true * MIRROR, axis=1)
     std = other.placement_std_m
@@ -431,16 +437,6 @@ def _true_matches(
     off_m = np.linalg.norm(ends[0] - ends[1] * MIRROR, axis=1)
     found: Bool = off_m[np.isfinite(off_m)] < FAR_RELATED_M
     return found
-
-
-def _fit(view: FlattenedView, truth: Truth) -> Rigid2:
-    """Return the motion that fits the reliable pixels to the truth, without the tenth that fits worst."""
-    at, true, known = true_places(view, truth)
-    if view.placement_std_m is not None:
-        firm = view.placement_std_m[view.valid][known] <= FIRM_M
-        if firm.sum() > 2:
-            at, true = at[firm], true[firm]
-    return trimmed_motion(at, true)
 
 
 def _share_of_seen(view: FlattenedView, truth: Truth, views: int) -> float:

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -107,6 +107,18 @@ def test_a_hinge_spoils_the_absolute_figure_and_hardly_the_relative_one() -> Non
     found = figures(result(sheet), sheet)
     assert found.absolute_p95_mm > 20
     assert found.relative_median_mm < 1.0
+
+
+@pytest.mark.parametrize("says_so", [True, False])
+def test_deviations_are_judged_from_what_is_called_reliable(says_so: bool) -> None:
+    """Three fifths of the sheet hang on a joint and are turned; they say so, or call themselves reliable."""
+    sheet = FlatSheet()
+    turned = sheet.flat[..., 1] > 0.16
+    sheet.flat[turned] = Rigid2(0.0, 0.5, 0.0).apply(sheet.flat[turned])
+    std_m = np.where(turned & says_so, 0.2, 0.001 if says_so else 0.003).astype(np.float32)
+    found = figures(replace(result(sheet), placement_std_m=std_m), sheet)
+    assert (found.within_3_std_share > 0.98) == says_so
+    assert (found.firm_far_share < 1e-6) == says_so
 
 
 def test_pixels_of_the_other_side_are_counted_and_left_out_of_the_errors() -> None:
