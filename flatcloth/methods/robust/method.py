@@ -275,9 +275,8 @@ class RobustMethod(Method):
         return self._drawn.get(shape, lambda: self._draw(document, shape, taken_off))
 
     def release(self, *, surfaces: bool = False) -> None:
-        """Free what only further views or earlier shapes need; with ``surfaces``, those of the views too."""
-        self.shapes.release()
-        for kept in (self._components, self._alignments, self._seamed):
+        """Free what only further views need; with ``surfaces``, those of the views too."""
+        for kept in (self._components, self._alignments):
             kept.drop()
         self.seen.release(surfaces=surfaces)
 

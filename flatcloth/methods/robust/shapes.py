@@ -209,10 +209,6 @@ class Shapes:
         self._interval_px = views.config.flattening.sampling_intervals_px[-1]
         self._shapes: Cache[Shape] = Cache(6)  # with and without the proposal, and for undo: 10 to 15 MB each
 
-    def release(self) -> None:
-        """Free all shapes but those in use."""
-        self._shapes.drop()
-
     def of(self, document: Document) -> Shape:
         """Return the shape of a document's views.
 
