@@ -286,11 +286,11 @@ def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
     parcel.array("turn_deg", lesson.turn_deg, "float32")
     parcel.array("share", lesson.share, "float32")
     parcel.values = {
-        "view_index": lesson.pair.first,
-        "other_view": lesson.pair.second,
-        "recorded_deg": lesson.pair.recorded_deg,
-        "seen_deg": lesson.pair.turns[0].seen_deg,
-        "std_deg": lesson.pair.turns[0].std_deg,
+        "view_index": lesson.first,
+        "other_view": lesson.second,
+        "recorded_deg": lesson.recorded_deg,
+        "seen_deg": lesson.seen_deg,
+        "std_deg": lesson.std_deg,
     }
     return parcel
 
@@ -524,7 +524,7 @@ class TeachingRoutes:
                 parcel = seams_parcel(self._page.other_sheet)
             case "check":
                 checked = check_lesson(recording, self._page.integration.views.recorded, axis)
-                views = checked.pair.first, checked.pair.second
+                views = checked.first, checked.second
                 mistakes = {
                     "turned back": Mends(reverse=True),
                     "twice as far": Mends(angle_factor=2.0),
