@@ -102,6 +102,12 @@ class Hypothesis:
     mends: tuple[Mends, ...] | None = None
     views: Link | None = None
 
+    def mends_from(self, recorded: Reading) -> tuple[Mends, ...]:
+        """Return what makes a recording be read like this."""
+        if self.reading is None or self.mends is not None:
+            return self.mends or ()
+        return (mends_of(self.reading, recorded),)
+
 
 class Comparison:
     """The views of a recording, how it is read as recorded, and all motions between views found so far."""
@@ -161,7 +167,7 @@ class Comparison:
         """
         order = sorted(reading.angles_deg, key=lambda view: reading.angles_deg[view])
         around = [*order, order[0]] if len(order) > 2 else order
-        near = [*pairwise(around), *pairwise(sorted(order)), *_wide(order, reading)]
+        near = [*pairwise(around), *pairwise(sorted(order)), *wide_links(order, reading)]
         rank = {view: n for n, view in enumerate(self.views)}
         links = dict.fromkeys(
             (one, other) if rank[one] < rank[other] else (other, one) for one, other in near
@@ -229,7 +235,7 @@ class Comparison:
         return [link for link, odds in self.log_odds(reading).items() if odds < 0.0]
 
 
-def _wide(order: Sequence[int], reading: Reading) -> Iterator[Link]:
+def wide_links(order: Sequence[int], reading: Reading) -> Iterator[Link]:
     """Yield pairs of views that are turned by more than neighbours, also where a full turn ends."""
     for n, one in enumerate(order):
         for other in [*order[n + 1 :], *order[:n]]:
@@ -265,13 +271,15 @@ def findings_of(
     for propose in simple:
         tried += propose(comparison, right)
     for propose in further:
-        base = max((one for one in tried if one is right or (one.says and one.mends != ())), key=log)
-        odds = comparison.log_odds(base.reading or comparison.recorded).values()
-        bad = sum(each < 0.0 for each in odds)
+        best = max((one for one in tried if one is right or (one.says and one.mends != ())), key=log)
+        reading = best.reading or comparison.recorded
+        odds = comparison.log_odds(reading)
+        bad = sum(each < 0.0 for each in odds.values())
         if not bad:
             break
-        # A reading that most views contradict is no better as a base than another one.
-        base = base if 2 * bad < len(odds) else right
+        # Only what most views agree with, and what changes no single angles, is changed further.
+        is_base = reading.angles_deg is comparison.recorded.angles_deg and 2 * bad < len(odds)
+        base = best if is_base else right
         for hypothesis in propose(comparison, base):
             tried.append(hypothesis)
             if hypothesis.reading is not None and not comparison.contradicting(hypothesis.reading):
@@ -285,20 +293,11 @@ def findings_of(
             text=text,
             probability=best.sure
             * float(sum(c for c, one in zip(chances, tried, strict=True) if name in dict(one.says))),
-            mends=_mends(best, comparison.recorded),
+            mends=best.mends_from(comparison.recorded),
             views=best.views or _telling(comparison, best.reading),
         )
         for name, text in best.says
     ]
-
-
-def _mends(best: Hypothesis, recorded: Reading) -> tuple[Mends, ...]:
-    """Return the change of the reading as options of a recording."""
-    now = best.reading
-    if now is None or best.mends is not None:
-        return best.mends or ()
-    mends = mends_of(now, recorded)
-    return (mends,) if mends else ()
 
 
 def mends_of(reading: Reading, recorded: Reading) -> Mends:

@@ -11,7 +11,7 @@ from itertools import pairwise, product
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from flatcloth.checking.comparison import MISTAKE, Comparison, Hypothesis, Link, Reading, mends_of
+from flatcloth.checking.comparison import MISTAKE, Comparison, Hypothesis, Link, Reading, mends_of, wide_links
 from flatcloth.checking.findings import CERTAIN
 from flatcloth.checking.lens import adjusted
 from flatcloth.checking.turns import (
@@ -57,8 +57,8 @@ _MOST_FOCAL_STD = 0.05
 _SLICE_M, _STEADY = 0.03, 8.0
 """Height of the ends of the item that are followed (chosen), and the weight of the logarithm of how much
 more one moves than the other. Set by hand; on the 34 recordings the held end moves 1.3 to 11 times less."""
-_MOVED = math.log(1e-4)
-"""Logarithm of the probability that the angle of a given view is wrong. Chosen."""
+_MOVED = math.log(1e-3)
+"""Logarithm of the probability that the angle of a further view is wrong, too. Chosen."""
 _MOST_SINGLE = 0.25
 """Beyond this share of the views the order is wrong, not single ones. Chosen."""
 _LINKS = 6
@@ -269,8 +269,9 @@ def focal_lengths(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothe
     odds = comparison.log_odds(recorded)
     if recorded.axis.estimated or 2 * len(comparison.contradicting(recorded)) > len(odds):
         return
-    held_m = comparison.held_m(recorded.axis)
-    log, std = adjusted(views, recorded.axis, held_m)
+    held_m, place = comparison.held_m(recorded.axis), {view.view_index: n for n, view in enumerate(views)}
+    pairs = [(place[one], place[other]) for one, other in wide_links(list(place), recorded)]
+    log, std = adjusted(views, pairs, recorded.axis, held_m)
     if abs(log) < _LEAST_FOCAL or std > _MOST_FOCAL_STD:
         return
     text = (
@@ -285,7 +286,7 @@ def focal_lengths(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothe
         recorded.axis,
         *([] if seen is None else [seen.axis]),
     ):  # the wrong length moves the seen axis
-        off, off_std = adjusted(views, axis, held_m)
+        off, off_std = adjusted(views, pairs, axis, held_m)
         if abs(off) < _LEAST_FOCAL:
             continue
         # The adjustment has the same unknowns, with the same errors, and states the likelihood itself.
@@ -418,7 +419,7 @@ def _singles(comparison: Comparison, base: Hypothesis, reading: Reading) -> Iter
     if not found:
         text = f"{names} fit{'' if many else 's'} to no other view"
     changed = replace(reading, angles_deg={view: at[view] for view in rest} | found)
-    yield _changed(base, changed, (("views", text),), len(wrong) * _MOVED)
+    yield _changed(base, changed, (("views", text),), (len(wrong) - 1) * _MOVED)
 
 
 def without_wrong(comparison: Comparison, reading: Reading) -> list[int]:
@@ -452,12 +453,14 @@ def place_of(comparison: Comparison, rest: Reading, view: int) -> float | None:
     nearest = max(shares, key=lambda other: shares[other].share)
     place = place_by(nearest, shares[nearest])
     # Views fit best after a little less than their turn: those on both sides decide.
-    below = [other for other in shares if rest.angles_deg[other] <= place][-2:]
-    above = [other for other in shares if rest.angles_deg[other] > place][:2]
-    near = [
-        told for other in below + above if abs((told := place_by(other, shares[other])) - place) < NEAR_DEG
-    ]
-    return float(np.mean(near)) if len(near) == 4 else place
+    below = [other for other in shares if rest.angles_deg[other] <= place][-1:]
+    above = [other for other in shares if rest.angles_deg[other] > place][:1]
+    near = []
+    for other in below + above:
+        turn = rest.factor * (place - rest.angles_deg[other])
+        moves = moves_between(*comparison.seen((other, view)), rest.axis, (0.0, turn))
+        near += [told for move in moves[:1] if abs((told := place_by(other, move)) - place) < NEAR_DEG]
+    return float(np.mean(near)) if len(near) == 2 else place
 
 
 def successors(comparison: Comparison, reading: Reading) -> list[int] | None:

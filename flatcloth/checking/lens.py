@@ -28,8 +28,6 @@ from flatcloth.registration.pose_prior import (
 )
 from flatcloth.registration.view_features import MOTION, UNKNOWNS, ViewFeatures, compare
 
-_TURN_DEG = 27.0
-"""Pairs of views turn by this, at least. Chosen: more shows the shear better, but less common cloth."""
 _FEWEST = 4
 """Fewest pairs that show a focal length. Chosen."""
 FOCAL_STD = 0.005
@@ -41,7 +39,9 @@ _FOCAL = COMMON - 1
 """The place of the focal length among the common unknowns, elsewhere that of the fattening. By definition."""
 
 
-def adjusted(views: Sequence[ViewFeatures], axis: RotationAxis, held_point_m: Float64) -> tuple[float, float]:
+def adjusted(
+    views: Sequence[ViewFeatures], pairs: Sequence[tuple[int, int]], axis: RotationAxis, held_point_m: Float64
+) -> tuple[float, float]:
     """Return the logarithm of the true focal length over the recorded one, and its standard deviation.
 
     It is found together with the axis and with the turn and swing of each view, whose errors are at most
@@ -51,12 +51,13 @@ def adjusted(views: Sequence[ViewFeatures], axis: RotationAxis, held_point_m: Fl
     ----------
     views : sequence of ViewFeatures
         In order of their angles.
+    pairs : sequence of (int, int)
+        Places of views that are turned enough against each other to show the shear.
     axis : RotationAxis
         As recorded; an estimated one would hide the shear.
     held_point_m : (3,) float64
         About which the item swings.
     """
-    pairs = _pairs(views)
     if len(pairs) < _FEWEST:
         return 0.0, math.inf
     log = 0.0
@@ -96,13 +97,3 @@ def _form(
     found = compare(*ends, *cameras, center_m, 0.0, 3.0 * scale_m, spread, 2, of_focal=True)
     weight = weight_of(found)
     return weight * found.matrix[0], weight * found.gradient[0]
-
-
-def _pairs(views: Sequence[ViewFeatures]) -> list[tuple[int, int]]:
-    """Return pairs of views, by their place, that are turned enough against each other."""
-    found = []
-    for n, one in enumerate(views):
-        turned = [view.angle_deg - one.angle_deg for view in views]
-        later = [m for m, turn in enumerate(turned) if _TURN_DEG <= turn <= 1.5 * _TURN_DEG]
-        found += [(n, m) for m in later[:1]]
-    return found
