@@ -52,6 +52,8 @@ _EXTENT_SHARE = EXTENT_M / 0.9
 _MOST_STEP_DEG = 15.0
 """With larger steps a contradiction means nothing: a registration finds the turn from a start within about
 this. Measured: of the 34 recordings every second to fourth view seem to contradict each other in four."""
+_LEAST_PAIRS = 3
+"""Fewer neighbours show nothing: two of a smooth item seem not to turn at all. Chosen."""
 _THREADS = 2
 """Views read at a time. Chosen for two cores."""
 
@@ -179,7 +181,7 @@ def _unjudged(angles_deg: Sequence[float]) -> str:
 
 def _turning(comparison: Comparison) -> list[Finding]:
     """Return what is wrong with the turning, the rotation of the images, the axis and the focal length."""
-    if len(comparison.best_moves()) < 2:
+    if len(comparison.best_moves()) < _LEAST_PAIRS:
         return []
     if comparison.recorded.step_deg > _MOST_STEP_DEG:
         return findings_of(comparison, [turnings], [])
