@@ -6,18 +6,22 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flatcloth.checking.color import Shown, color_findings, odds_of, pairing_findings, reduced
+from flatcloth.checking.comparison import Comparison, Reading, findings_of
 from flatcloth.checking.findings import MOST_SURE, Check, Finding
-from flatcloth.checking.hanging import (
-    axis_findings,
-    nothing_common,
-    rotated_findings,
+from flatcloth.checking.hypotheses import (
+    MOST_TILT_DEG,
+    axes,
+    focal_lengths,
+    orders,
     seen_axis,
-    sway_findings,
+    sideways,
+    slips,
+    turnings,
 )
 from flatcloth.checking.images import (
     EXTENT_M,
@@ -29,19 +33,7 @@ from flatcloth.checking.images import (
     mask_findings,
     unit_findings,
 )
-from flatcloth.checking.lens import focal_findings, focal_length
-from flatcloth.checking.order import order_findings
-from flatcloth.checking.turning import Seen, estimated, turning_findings
-from flatcloth.checking.turns import (
-    NEAR_DEG,
-    Pair,
-    features_of,
-    item_pixels,
-    pair_of,
-    pairs_of,
-    share_at,
-    shows_turn,
-)
+from flatcloth.checking.turns import features_of, free_moves, item_pixels, share_at, shows_turn
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import RecordingError, SurfaceError
 from flatcloth.core.types import Float64, Progress, RgbdFrame, RotationAxis, no_progress
@@ -60,13 +52,8 @@ _EXTENT_SHARE = EXTENT_M / 0.9
 _MOST_STEP_DEG = 15.0
 """With larger steps a contradiction means nothing: a registration finds the turn from a start within about
 this. Measured: of the 34 recordings every second to fourth view seem to contradict each other in four."""
-_UNITS = 3.0
-"""The unit of the angles is another if they turn so many times more or less. Chosen; the rest is checked once
-it is mended."""
-_LIKE_FOCAL = 0.4
-"""Factors of the angles up to this from 1 may come from a wrong focal length. Chosen."""
-_LEAST_SHARE = 0.35
-"""Pairs of which a smaller share agrees show nothing. Measured: at least 0.46 on the 34 recordings."""
+_LEAST_PAIRS = 3
+"""Fewer neighbours show nothing: two of a smooth item seem not to turn at all. Chosen."""
 _THREADS = 2
 """Views read at a time. Chosen for two cores."""
 
@@ -156,16 +143,26 @@ def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
     findings += exposure_findings(looks)
     captured = sorted(seen, key=lambda one: one.look.view_index)
     numbers = [one.look.view_index for one in captured]
-    items, odds = odds_of([one.shown for one in captured])
-    pairing = pairing_findings(items, odds, numbers, len(recording))
+    items, colors = odds_of([one.shown for one in captured])
+    pairing = pairing_findings(items, colors, numbers, len(recording))
     every = recording.intrinsics.height / items.shape[1]
-    findings += pairing or color_findings(items, odds, numbers, every)
-    about = axis or _vertical(views)
-    pairs = pairs_of(views, about) if len(views) > 1 else []
-    if not background and not pairing:  # which does not turn; which turns as other views are recorded
-        findings += _turning(recording, views, pairs, about)
+    findings += pairing or color_findings(items, colors, numbers, every)
+    recorded = Reading(
+        angles_deg={view.view_index: view.angle_deg for view in views}, axis=axis or _vertical(views)
+    )
+    comparison = Comparison(views, recorded, recording.held_point_m)
+    seen_at = None if axis else seen_axis(list(comparison.best_moves().values()), recorded.axis)
+    if seen_at is not None and seen_at.tilt_deg < MOST_TILT_DEG:
+        recorded = comparison.recorded = replace(recorded, axis=seen_at.axis)
+    agreeing = 0
+    if len(views) > 1:
+        odds = comparison.log_odds(recorded)
+        agreeing = sum(
+            odds.get(link, -1.0) > 0.0 for link in recorded.neighbours if shows_turn(recorded.turn_deg(link))
+        )
+        if not background and not pairing:  # which does not turn; which turns as other views are recorded
+            findings += _turning(comparison)
     findings.sort(key=lambda finding: (not finding.stops, -min(finding.probability, MOST_SURE)))
-    agreeing = sum(pair.agrees for pair in pairs)
     why = "" if agreeing else _unjudged([view.angle_deg for view in views])
     return Check(findings=tuple(findings), views=len(looks), pairs=agreeing, unjudged=why)
 
@@ -182,56 +179,13 @@ def _unjudged(angles_deg: Sequence[float]) -> str:
     return "no two neighbouring views show the same surface"
 
 
-def _turning(
-    recording: Recording, views: list[ViewFeatures], pairs: list[Pair], about: RotationAxis
-) -> list[Finding]:
+def _turning(comparison: Comparison) -> list[Finding]:
     """Return what is wrong with the turning, the rotation of the images, the axis and the focal length."""
-    seen = Seen(pairs)
-    if len(seen.pairs) < 2:
+    if len(comparison.best_moves()) < _LEAST_PAIRS:
         return []
-    share, step = float(np.median(seen.share)), float(np.median(seen.recorded_deg))
-    likeliest = [pair.turns[0] for pair in seen.pairs]
-    estimate = estimated(views, about, seen)
-    found, factor = turning_findings(seen, estimate)
-    if factor is None or factor == 0.0 or factor == -1.0:
-        rotated = rotated_findings(views, about, likeliest, factor == -1.0, step)
-        if rotated:
-            return rotated
-    if step > _MOST_STEP_DEG or (factor and abs(math.log(abs(factor))) > 1.01 * math.log(_UNITS)):
-        return found
-    swings = sway_findings([turn for turn in likeliest if turn.share >= _LEAST_SHARE], about)
-    if swings and factor is None:  # views in another order tilt in any way, too
-        ordered = order_findings(views, pairs, about, factor)
-        if any(finding.mends for finding in ordered):
-            return ordered
-    if swings or factor == 0.0:
-        return swings or found
-    axis = recording.rotation_axis
-    focal = None if axis is None or factor is None else focal_length(views, axis, factor)
-    if axis is not None and factor is not None and 0.0 < abs(abs(factor) - 1.0) < _LIKE_FOCAL:
-        # A wrong focal length changes the turns that flat cloth shows, too.
-        other = focal_length(views, axis, math.copysign(1.0, factor))
-        if focal is None or (other is not None and other.differs and other.best_share > focal.share):
-            found, factor, focal = [], math.copysign(1.0, factor), other
-    tilted = axis_findings(likeliest, axis) if found else []
-    if any(finding.is_certain for finding in tilted):
-        return tilted  # about the recorded axis the item turns less than about its own
-    found += order_findings(views, pairs, about, factor)
-    agrees = factor is not None and estimate is not None and estimate.is_known
-    if share < _LEAST_SHARE and not found and not agrees:
-        return [nothing_common(share, likeliest)]
-    if factor is None or any(finding.is_certain for finding in found):
-        return found
-    right = [p.turns[0] for p in seen.pairs if abs(p.turns[0].seen_deg - factor * p.recorded_deg) < NEAR_DEG]
-    beside = axis_findings(right, axis)
-    if beside and axis is not None and focal is not None and focal.differs:
-        there = seen_axis(right, axis)
-        moved = None if there is None else focal_length(views, there.axis, factor)
-        if moved is None or moved.share < focal.best_share:
-            beside = []
-    if beside or axis is None:
-        return found + beside
-    return found + focal_findings(focal, views, axis, factor, recording.held_point_m)
+    if comparison.recorded.step_deg > _MOST_STEP_DEG:
+        return findings_of(comparison, [turnings], [])
+    return findings_of(comparison, [turnings, axes, focal_lengths, slips], [sideways, orders])
 
 
 def _chosen(angles_deg: Sequence[float]) -> list[int]:
@@ -307,9 +261,16 @@ _MOST_DEG, _STEP_DEG = 60.0, 2.5
 
 @dataclass(frozen=True, kw_only=True)
 class CheckLesson:
-    """A ``pair`` of neighbours: ``share`` (N,) of their points agrees after the turns ``turn_deg`` (N,)."""
+    """Two neighbours: ``share`` (N,) of their points agrees after the turns ``turn_deg`` (N,).
 
-    pair: Pair
+    They show the turn ``seen_deg``, with its deviation.
+    """
+
+    first: int
+    second: int
+    recorded_deg: float
+    seen_deg: float
+    std_deg: float
     turn_deg: Float64
     share: Float64
 
@@ -329,8 +290,15 @@ def check_lesson(recording: Recording, frame: Callable[[int], RgbdFrame], axis: 
     usual_m = float(np.median(np.concatenate(measured))) if any(map(len, measured)) else 0.0
     one, other = (features_of(f, item_pixels(f, usual_m, EXTENT_M)) for f in frames)
     recorded = recording.angles_deg[second] - recording.angles_deg[first]
-    if one is None or other is None or not (pair := pair_of(one, other, axis, recorded)).turns:
+    if one is None or other is None or not (moves := free_moves(one, other, axis, recorded)):
         raise SurfaceError(f"Views {first} and {second} have nothing in common; use more views.")
     turns = np.arange(-_MOST_DEG, _MOST_DEG + 0.5 * _STEP_DEG, _STEP_DEG)
-    share = np.array([share_at(one, other, axis, float(turn)) for turn in turns])
-    return CheckLesson(pair=pair, turn_deg=turns, share=share)
+    return CheckLesson(
+        first=first,
+        second=second,
+        recorded_deg=recorded,
+        seen_deg=moves[0].turn_deg(axis),
+        std_deg=moves[0].std_deg(axis),
+        turn_deg=turns,
+        share=np.array([share_at(one, other, axis, float(turn)) for turn in turns]),
+    )

@@ -269,13 +269,12 @@ def _line(line: ZAngleLine) -> dict[str, Any]:
 
 def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
     """Return the drawing data of a check: ``picture`` (H, W, 3) shows two views laid on each other."""
-    pair = lesson.pair
     values = {
-        "view_index": pair.first,
-        "other_view": pair.second,
-        "recorded_deg": pair.recorded_deg,
-        "seen_deg": pair.turns[0].seen_deg,
-        "std_deg": pair.turns[0].std_deg,
+        "view_index": lesson.first,
+        "other_view": lesson.second,
+        "recorded_deg": lesson.recorded_deg,
+        "seen_deg": lesson.seen_deg,
+        "std_deg": lesson.std_deg,
     }
     laid = np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])
     return parcel_of(values, {"laid": laid, "turn_deg": lesson.turn_deg, "share": lesson.share})
@@ -533,7 +532,7 @@ class TeachingRoutes:
                 parcel = seams_parcel(self._page.other_sheet)
             case "check":
                 checked = check_lesson(recording, self._page.integration.views.recorded, axis)
-                views = checked.pair.first, checked.pair.second
+                views = checked.first, checked.second
                 mistakes = {
                     "turned back": Mends(reverse=True),
                     "twice as far": Mends(angle_factor=2.0),

@@ -1,0 +1,322 @@
+"""One comparison of the ways in which a recording may have to be read, all by the same measure.
+
+A :class:`Reading` predicts the motion between each two views. Views are registered without trusting the
+recording. A reading is the likelier, the less its predictions must be corrected, and the more of the
+surfaces then agrees. The errors of careless recordings are part of the prediction, so that a loosely known
+angle is no mistake; and a pair may be a wrong match. A :class:`Hypothesis` is another reading than the
+recorded one, with a probability before the views are looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from flatcloth.checking.findings import Finding
+from flatcloth.checking.turns import (
+    Move,
+    free_moves,
+    is_near,
+    moves_between,
+    rotation_vector,
+    shows_turn,
+)
+from flatcloth.core.geometry import object_from_camera, wrapped_deg
+from flatcloth.core.types import Float64, RotationAxis
+from flatcloth.recordings.mending import Mends
+from flatcloth.registration.pose_prior import PosePrior, at_center, jacobians_of, pair_covariance
+from flatcloth.registration.view_features import ViewFeatures
+
+RIGHT = math.log(0.9)
+"""Logarithm of the probability that a recording is right, before it is looked at. Chosen."""
+MISTAKE = math.log(0.1 / 8)
+"""That of one kind of mistake. By definition: there are about eight."""
+_WRONG_MATCH = 0.2
+"""Chance that two views are matched wrongly. Chosen: on the 34 recordings it was one in a hundred; smooth
+cloth has more."""
+_ANY = np.concatenate([np.radians([35.0, 6.0, 6.0]), np.full(3, 0.05)])
+"""Deviations of the motion between views that are matched wrongly: turn, tilts, shift (m). Chosen: as far as
+registrations lead."""
+_PATCHES = 80.0
+"""Patches of two views whose errors are independent: each that agrees counts. Chosen so that a motion after
+which 0.15 less of the surface agrees is as unlikely as a wrong match; on the 34 recordings, where cloth is as
+smooth as a tube, it is at most 0.06."""
+_COMMON = 0.8
+"""Neighbours have this share of the surface in common, of what views have with others. Chosen."""
+_FAR = 20.0
+"""A squared deviation of a motion with six unknowns that is too large: one in 400 is. By definition."""
+WIDE_DEG = 27.0
+"""Not only neighbours are compared, but also views that turn by this. Chosen: more shows factors and focal
+length better, but less common cloth."""
+
+Link = tuple[int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How a recording is read: the recorded angles of its views, and what is done with them.
+
+    Angles are multiplied by ``factor``, the images turned clockwise by ``rotate`` degrees (``axis`` is where
+    the item turns without that); ``swing_deg`` is the deviation by which the item swings from view to view.
+    """
+
+    angles_deg: Mapping[int, float]
+    axis: RotationAxis
+    factor: float = 1.0
+    rotate: int = 0
+    focal_factor: float = 1.0
+    swing_deg: float = PosePrior().swing_stds_deg[-1]
+
+    def turn_deg(self, link: Link) -> float:
+        """Return the turn from one view to another."""
+        one, other = link
+        return round(float(wrapped_deg(self.factor * (self.angles_deg[other] - self.angles_deg[one]))), 6)
+
+    @property
+    def neighbours(self) -> list[Link]:
+        """The neighbours by angle."""
+        return list(pairwise(sorted(self.angles_deg, key=lambda view: self.angles_deg[view])))
+
+    @property
+    def step_deg(self) -> float:
+        """The usual recorded turn between neighbours."""
+        return float(np.median(np.diff(sorted(self.angles_deg.values()))))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hypothesis:
+    """A reading, and what is wrong then: names and texts of findings, none if nothing is.
+
+    Without a reading the views follow none. ``sure`` is how sure the change is if the reading is right,
+    ``mends`` are those that are offered instead of the change of the reading itself.
+    """
+
+    reading: Reading | None
+    says: tuple[tuple[str, str], ...] = ()
+    log_prior: float = MISTAKE
+    sure: float = 1.0
+    mends: tuple[Mends, ...] | None = None
+    views: Link | None = None
+
+    def mends_from(self, recorded: Reading) -> tuple[Mends, ...]:
+        """Return what makes a recording be read like this."""
+        if self.reading is None or self.mends is not None:
+            return self.mends or ()
+        return (mends_of(self.reading, recorded),)
+
+
+class Comparison:
+    """The views of a recording, how it is read as recorded, and all motions between views found so far."""
+
+    def __init__(
+        self, views: Sequence[ViewFeatures], recorded: Reading, held_point_m: Float64 | None = None
+    ) -> None:
+        self.views = {view.view_index: view for view in views}
+        self.recorded = recorded
+        self._held_point_m = held_point_m
+        self._moves = dict[Link, list[Move]]()
+        self._shares = dict[Link | int, float]()
+        self._fits = dict[tuple[object, ...], list[tuple[float, float, float]]]()
+
+    def seen(self, link: Link) -> tuple[ViewFeatures, ViewFeatures]:
+        """Return two views."""
+        return self.views[link[0]], self.views[link[1]]
+
+    def moves(self, link: Link, turn_deg: float) -> list[Move]:
+        """Return the motions between two views found so far; ``turn_deg`` is a start of the first ones."""
+        if link not in self._moves:
+            ends, axis = self.seen(link), self.recorded.axis
+            is_wide = abs(turn_deg) >= WIDE_DEG and is_near(turn_deg)
+            found = moves_between(*ends, axis, (turn_deg,)) if is_wide else free_moves(*ends, axis, turn_deg)
+            self._moves[link] = []
+            self._found(link, found)
+        return self._moves[link]
+
+    def best(self, link: Link, turn_deg: float = 0.0) -> Move | None:
+        """Return the motion with the largest share of those found so far."""
+        return max(self.moves(link, turn_deg), key=lambda move: move.share, default=None)
+
+    def _found(self, link: Link, moves: list[Move]) -> None:
+        self._moves[link] += moves
+        share = max((move.share for move in moves), default=0.0)
+        for key in (link, *link):
+            self._shares[key] = max(share, self._shares.get(key, 0.0))
+
+    def best_moves(self) -> dict[Link, Move]:
+        """Return the motion with the largest share of recorded neighbours, whatever their turn is.
+
+        Views that are recorded too near or too far are left out, unless most are: then the unit of the angles
+        may be another.
+        """
+        at, is_usual = self.recorded.angles_deg, shows_turn(self.recorded.step_deg)
+        found = {}
+        for one, other in self.recorded.neighbours:
+            step = at[other] - at[one]
+            if step > 0 and (not is_usual or shows_turn(step)) and (move := self.best((one, other), step)):
+                found[one, other] = move
+        return found
+
+    def log_odds(self, reading: Reading) -> dict[Link, float]:
+        """Return by how much likelier each pair of near views is with a reading than with a wrong match.
+
+        Pairs are the neighbours by angle and in time, and wide ones.
+        """
+        order = sorted(reading.angles_deg, key=lambda view: reading.angles_deg[view])
+        around = [*order, order[0]] if len(order) > 2 else order
+        near = [*pairwise(around), *pairwise(sorted(order)), *wide_links(order, reading)]
+        rank = {view: n for n, view in enumerate(self.views)}
+        links = dict.fromkeys(
+            (one, other) if rank[one] < rank[other] else (other, one) for one, other in near
+        )
+        turns = {link: reading.turn_deg(link) for link in links}
+        for link, turn in turns.items():  # all show how much of its surface a view has in common with others
+            self.moves(link, turn)
+        return {link: self._log_odds(link, turn, reading) for link, turn in turns.items() if is_near(turn)}
+
+    def _log_odds(self, link: Link, turn_deg: float, reading: Reading) -> float:
+        axis, moves = reading.axis, self.moves(link, turn_deg)
+        key = link, turn_deg, reading.swing_deg, axis.point_m.tobytes(), axis.direction.tobytes()
+        fits = self._fits.setdefault(key, [])
+        if len(fits) < len(moves):
+            is_first = not fits
+            fits += self._fits_of(link, turn_deg, reading, moves[len(fits) :])
+            if is_first and min((square for square, *_ in fits), default=np.inf) > _FAR:
+                # Where many motions fit, noise decides among them: the one that is expected may be as good.
+                nearer = moves_between(*self.seen(link), axis, (turn_deg,))
+                self._found(link, nearer)
+                fits += self._fits_of(link, turn_deg, reading, nearer)
+        right = self._share(link, turn_deg)
+        likeliest = max((log - _PATCHES * (right - share) for _, log, share in fits), default=-np.inf)
+        return float(np.logaddexp(math.log(1.0 - _WRONG_MATCH) + likeliest, math.log(_WRONG_MATCH)))
+
+    def _fits_of(
+        self, link: Link, turn_deg: float, reading: Reading, moves: Sequence[Move]
+    ) -> Iterator[tuple[float, float, float]]:
+        """Yield by how much motions are off, squared, the log odds of that, and the share that agrees."""
+        expected = object_from_camera(reading.axis, turn_deg).inverse()
+        center_m, held_m = self.views[link[0]].middle_m, self.held_m(reading.axis)
+        by = at_center(jacobians_of(reading.axis, held_m, [0.0, turn_deg]), center_m)
+        swings = (*PosePrior().swing_stds_deg[:-1], reading.swing_deg)
+        careless = pair_covariance(by[0], by[1], replace(PosePrior(), swing_stds_deg=swings))
+        for move in moves:
+            off = move.first_from_second @ expected
+            twist = np.append(rotation_vector(off.rotation), off.apply(center_m) - center_m)
+            covariance = careless + move.covariance
+            square = float(twist @ np.linalg.solve(covariance, twist))
+            log = np.log(_ANY).sum() - 0.5 * (square + np.linalg.slogdet(covariance)[1])
+            yield square, float(log), move.share
+
+    def _share(self, link: Link, turn_deg: float) -> float:
+        """Return the share of two views that should agree, by their best motion and by their other pairs."""
+        best = self._shares[link]
+        if abs(turn_deg) >= WIDE_DEG:
+            return best
+        return max(best, _COMMON * min(self._shares[view] for view in link))
+
+    def held_m(self, axis: RotationAxis) -> Float64:
+        """Return the held point, or the upper end of the item on an axis."""
+        if self._held_point_m is not None and axis.direction[1] ** 2 > 0.5:
+            return self._held_point_m
+        heights = [
+            float(np.max((view.points_m - axis.point_m) @ axis.direction)) for view in self.views.values()
+        ]
+        return axis.point_m + float(np.median(heights)) * axis.direction
+
+    def log_likelihood(self, reading: Reading | None) -> float:
+        """Return the logarithm of the likelihood of all views; 0 if no two are related."""
+        return 0.0 if reading is None else sum(self.log_odds(reading).values())
+
+    def contradicting(self, reading: Reading) -> list[Link]:
+        """Return the pairs that are rather matched wrongly than as a reading says."""
+        return [link for link, odds in self.log_odds(reading).items() if odds < 0.0]
+
+
+def wide_links(order: Sequence[int], reading: Reading) -> Iterator[Link]:
+    """Yield pairs of views that are turned by more than neighbours, also where a full turn ends."""
+    for n, one in enumerate(order):
+        for other in [*order[n + 1 :], *order[:n]]:
+            if (turn := abs(reading.turn_deg((one, other)))) >= WIDE_DEG:
+                if turn <= 1.5 * WIDE_DEG:
+                    yield one, other
+                break
+
+
+Proposal = Callable[[Comparison, Hypothesis], Iterable[Hypothesis]]
+
+
+def findings_of(
+    comparison: Comparison, simple: Sequence[Proposal], further: Sequence[Proposal]
+) -> list[Finding]:
+    """Return what is wrong with the recording: the findings of the likeliest hypothesis.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The views.
+    simple : sequence of callables
+        Each proposes changes of the reading as recorded.
+    further : sequence of callables
+        Each proposes changes of the likeliest reading so far, while views contradict it.
+    """
+    right = Hypothesis(reading=comparison.recorded, log_prior=RIGHT)
+    tried = [right]
+
+    def log(hypothesis: Hypothesis) -> float:
+        return hypothesis.log_prior + comparison.log_likelihood(hypothesis.reading)
+
+    for propose in simple:
+        tried += propose(comparison, right)
+    for propose in further:
+        best = max((one for one in tried if one is right or (one.says and one.mends != ())), key=log)
+        reading = best.reading or comparison.recorded
+        odds = comparison.log_odds(reading)
+        bad = sum(each < 0.0 for each in odds.values())
+        if not bad:
+            break
+        # Only what most views agree with, and what changes no single angles, is changed further.
+        is_base = reading.angles_deg is comparison.recorded.angles_deg and 2 * bad < len(odds)
+        base = best if is_base else right
+        for hypothesis in propose(comparison, base):
+            tried.append(hypothesis)
+            if hypothesis.reading is not None and not comparison.contradicting(hypothesis.reading):
+                break
+    logs = np.array([log(hypothesis) for hypothesis in tried])
+    chances = np.exp(logs - logs.max()) / np.exp(logs - logs.max()).sum()
+    best = tried[int(logs.argmax())]
+    return [
+        Finding(
+            name=name,
+            text=text,
+            probability=best.sure
+            * float(sum(c for c, one in zip(chances, tried, strict=True) if name in dict(one.says))),
+            mends=best.mends_from(comparison.recorded),
+            views=best.views or _telling(comparison, best.reading),
+        )
+        for name, text in best.says
+    ]
+
+
+def mends_of(reading: Reading, recorded: Reading) -> Mends:
+    """Return the options that read a recording in another way than as recorded."""
+    was, now = recorded.angles_deg, reading.angles_deg
+    return Mends(
+        reverse=reading.factor < 0 and reading.rotate != 180,
+        angle_factor=abs(reading.factor),
+        view_angles=tuple((v, round(a, 3)) for v, a in sorted(now.items()) if abs(a - was[v]) > 1e-6),
+        leave_out=tuple(sorted(set(was) - set(now))),
+        estimate_axis=reading.axis is not recorded.axis and not reading.rotate,
+        rotate=reading.rotate,
+        focal_factor=round(reading.focal_factor, 3),
+    )
+
+
+def _telling(comparison: Comparison, reading: Reading | None) -> Link | None:
+    """Return the pair that is explained most by a reading, compared with the recorded one."""
+    was = comparison.log_odds(comparison.recorded)
+    now = {} if reading is None else comparison.log_odds(reading)
+    gain = {link: now.get(link, 0.0) - was.get(link, 0.0) for link in now or was}
+    return max(gain, key=lambda link: gain[link]) if gain else None
