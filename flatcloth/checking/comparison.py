@@ -83,8 +83,9 @@ class Reading:
 
     @property
     def step_deg(self) -> float:
-        """The usual recorded turn between neighbours."""
-        return float(np.median(np.diff(sorted(self.angles_deg.values()))))
+        """The usual recorded turn between neighbours, 0 without any."""
+        steps = np.diff(sorted(self.angles_deg.values()))
+        return float(np.median(steps)) if steps.size else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

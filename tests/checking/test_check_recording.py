@@ -115,6 +115,11 @@ def test_an_item_that_does_not_turn_is_named_and_nothing_mends_it(right):
     assert "Record it again" in found.line
 
 
+def test_a_recording_of_one_view_has_nothing_to_be_compared(right):
+    alone = altered(right, angles_deg=right.angles_deg[:1])
+    assert check_recording(alone).unjudged == "fewer than two views show a surface of the item"
+
+
 def test_inverted_masks_are_inverted_again(right):
     wrong = _with(right, lambda frame: ViewImages(frame.color, frame.depth_m, ~frame.mask))
     found = check_recording(wrong).findings[0]
