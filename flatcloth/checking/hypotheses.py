@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from flatcloth.checking.comparison import MISTAKE, Comparison, Hypothesis, Link, Reading, mends_of, wide_links
 from flatcloth.checking.findings import CERTAIN
@@ -465,6 +464,8 @@ def place_of(comparison: Comparison, rest: Reading, view: int) -> float | None:
 
 def successors(comparison: Comparison, reading: Reading) -> list[int] | None:
     """Return all views in the order in which they turn, from the first on; None if it is not found."""
+    from scipy.optimize import linear_sum_assignment  # takes 0.1 s, and most recordings need no order
+
     views, step = list(reading.angles_deg), reading.factor * reading.step_deg
     n, own = len(views), [comparison.views[view] for view in views]
     share = np.array([[share_at(one, other, reading.axis, step) for other in own] for one in own])
