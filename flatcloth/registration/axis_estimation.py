@@ -90,7 +90,6 @@ def depth_features(frame: RgbdFrame, item: Bool, points: int = POINTS_PER_VIEW) 
         noise_m=0.0,
         pixel_pitch_m=float(np.median(xyz[..., 2][usable])) / math.sqrt(k.fx * k.fy),
         points_m=xyz[at].astype(np.float64),
-        normal=normals[at].astype(np.float64),
         pixel=pixel,
         depth_m=xyz[..., 2].copy(),
         usable=usable,
