@@ -87,10 +87,13 @@ def application(proxy: Proxy, port: int) -> ASGIApp:
         except websockets.InvalidStatus as refused:
             await browser.receive()
             return await browser.send_denial_response(Response(status_code=refused.response.status_code))
-        await browser.accept(subprotocol=server.subprotocol)
-        async with asyncio.TaskGroup() as both:
-            both.create_task(_from_server(server, browser))
-            both.create_task(_from_browser(browser, server))
+        try:
+            await browser.accept(subprotocol=server.subprotocol)
+            async with asyncio.TaskGroup() as both:
+                both.create_task(_from_server(server, browser))
+                both.create_task(_from_browser(browser, server))
+        finally:
+            await server.close()
 
     routes = [Route("/{path:path}", pass_on, methods=METHODS), WebSocketRoute("/{path:path}", pass_socket_on)]
     return Starlette(routes=routes)

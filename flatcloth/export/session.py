@@ -33,7 +33,6 @@ from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.garments.deciding import decided_pieces
 from flatcloth.grasping.grasps import LOST_AT_M, GraspPose, Grip, grasp_pose, pixel_of_point
 from flatcloth.methods.answers import Canonical, ColumnCurves, JoinedSides
-from flatcloth.methods.paper.planning import column_curves
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.session.document import Document
@@ -221,6 +220,8 @@ class OpenedSession:
 
     def numbers_of(self, view_index: int) -> ViewNumbers:
         """Return numbers of a view's own flattened view."""
+        from flatcloth.methods.paper.planning import column_curves
+
         if view_index not in self.numbers:
             integration, flattening = self.integration, self.integration.views.flattening(view_index)
             angle_deg = integration.recording.angles_deg[view_index]

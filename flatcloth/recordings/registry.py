@@ -14,39 +14,46 @@ import functools
 import importlib.metadata
 import logging
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.folder import FORMAT as OWN
-from flatcloth.recordings.formats import color_and_depth, multimodal_clothes, tum
-from flatcloth.recordings.isolated import REALSENSE, ROS
 from flatcloth.recordings.source import Format, SourceOptions
 
 ENTRY_POINTS = "flatcloth.recordings"
-BUILT_IN: tuple[Format, ...] = (
-    OWN,
-    tum.FORMAT,
-    color_and_depth.FORMAT,
-    multimodal_clothes.FORMAT,
-    REALSENSE,
-    ROS,
+BUILT_IN = (
+    "folder:FORMAT",
+    "formats.tum:FORMAT",
+    "formats.color_and_depth:FORMAT",
+    "formats.multimodal_clothes:FORMAT",
+    "isolated:REALSENSE",
+    "isolated:ROS",
 )
-"""In the order in which they are tried; formats of other packages come after them."""
+"""Modules of this package and their formats, in the order in which they are tried; those of other packages
+come after them. A module is loaded when the ones before it do not know the source."""
 
 _log = logging.getLogger(__name__)
 
 
 def every_format() -> Iterator[Format]:
     """Yield the formats of this package, then those of other packages, which are searched only then."""
-    yield from BUILT_IN
+    yield from map(_own, BUILT_IN)
     yield from _added()
+
+
+@functools.cache
+def _own(place: str) -> Format:
+    """Return a format of this package."""
+    module, name = place.split(":")
+    form: Format = getattr(import_module(f"flatcloth.recordings.{module}"), name)
+    return form
 
 
 @functools.cache
 def _added() -> tuple[Format, ...]:
     """Return the formats of other packages; one that cannot be loaded is logged and left out."""
-    found, names = [], {form.name for form in BUILT_IN}
+    found, names = list[Format](), {_own(place).name for place in BUILT_IN}
     for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
         try:
             form = entry.load()
@@ -81,7 +88,7 @@ def open_by(form: Format, path: Path, options: SourceOptions) -> Recording:
     try:
         return form.open(path, options)
     except Exception as error:
-        if form in BUILT_IN or isinstance(error, RecordingError | MemoryError):
+        if form not in _added() or isinstance(error, RecordingError | MemoryError):
             raise
         _log.exception("The format %s failed to open %s.", form.name, path)
         raise RecordingError(
