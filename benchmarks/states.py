@@ -1,8 +1,8 @@
 """Makes the recordings that calibrate and judge: of all meshes, both panels, each by both sensors.
 
 ``python -m benchmarks states --meshes MESHES/*.obj --keep DIR``; 28 meshes, two of them towels, give 108
-recordings in an hour on two cores. Those that the folder holds are not made again, so that it can be
-interrupted. With a stereo sensor the item also sways. Seeds follow from the names.
+recordings in an hour on two cores; those that the folder holds are not made again. With a stereo sensor the
+item also sways. Seeds follow from the names.
 """
 
 from __future__ import annotations
