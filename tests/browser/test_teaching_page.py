@@ -83,12 +83,12 @@ def school(tmp_path_factory):
 
 
 @pytest.fixture
-def program(request, school, program_of, tmp_path):
-    """That of all lessons, or the test's own."""
+def program(request, program_of, tmp_path):
+    """That of all lessons, a cell's, or a session of its own."""
     own = getattr(request, "param", None)
     if own == "--cell":
         return program_of(f"--cell --sensor none --out {tmp_path / 'out'}", None)
-    return school if own is None else program_of(f"{own} --as-recorded", tmp_path / "session")
+    return request.getfixturevalue("shared_program").begin(own) if own else request.getfixturevalue("school")
 
 
 @pytest.fixture
@@ -210,12 +210,12 @@ def test_sliders_panes_and_the_search_show_what_they_change(open_lesson):
 
 
 @pytest.mark.parametrize("program", ["recordings/shirt-sleeve-clean"], indirect=True, ids=["own"])
-def test_nothing_is_decided_and_leaving_returns_to_where_one_was(open_lesson, tmp_path):
+def test_nothing_is_decided_and_leaving_returns_to_where_one_was(open_lesson, program):
     lesson = open_lesson()
     page = lesson.page
     lesson.tab.areas_known()
     before = lesson.tab.state()
-    journal = (tmp_path / "session" / "journal.jsonl").read_text()
+    journal = (program.session / "journal.jsonl").read_text()
     page.locator('[data-action="teach"]').focus()
     page.keyboard.press("Enter")
     lesson.drawn(1)
@@ -228,7 +228,7 @@ def test_nothing_is_decided_and_leaving_returns_to_where_one_was(open_lesson, tm
     assert page.evaluate("document.activeElement.dataset.action") == "teach"
     assert page.evaluate("document.querySelectorAll('[inert]').length") == 0
     assert lesson.tab.state() == before
-    assert (tmp_path / "session" / "journal.jsonl").read_text() == journal
+    assert (program.session / "journal.jsonl").read_text() == journal
     lesson.page.keyboard.press("h")
     lesson.drawn(2)  # where it was left
     page.keyboard.press("h")

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
-KINDS = """folder-manifest folder-jpeg truth tum-lists intrinsic tiff-16 npy pcd camera-file yaml angles ros1-bag
-    mcap ros2-folder obj ply-binary journal session hand-eye npz"""
+KINDS = """folder-manifest folder-jpeg truth tum-lists intrinsic tiff-16 npy pcd camera-file yaml angles
+    ros1-bag mcap ros2-folder obj ply-binary journal session hand-eye npz"""
 """A sample of each kind of file that is read."""
 
 SELF_TEST = """
