@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import re
 import subprocess
@@ -26,18 +25,6 @@ def test_each_public_name_is_there_and_described(name: str) -> None:
     assert getattr(flatcloth, name) is not None
     assert name in dir(flatcloth)
     assert name == "__version__" or f"`{name}" in (ROOT / "docs" / "api.md").read_text()
-
-
-def test_what_runs_and_what_is_checked_are_the_same_names() -> None:
-    tree = ast.parse(Path(flatcloth.__file__).read_text())
-    typed = next(node for node in ast.walk(tree) if isinstance(node, ast.If))
-    found = {
-        (alias.asname, node.module)
-        for node in typed.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    assert found == set(flatcloth._HOME_OF.items())
 
 
 def test_an_unknown_name_is_no_attribute() -> None:

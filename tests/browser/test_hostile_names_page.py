@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, WAIT_MS  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
+from conftest import WAIT_MS, Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 from exported_sessions import write_cylinder
 from playwright.sync_api import Browser, Page, expect
 
@@ -43,23 +40,12 @@ def unharmed(page: Page, calls: list[str]) -> None:
 
 
 def test_the_start_screen_and_the_page_show_names_as_text(
-    attacked: tuple[Page, list[str]], recording: Path, tmp_path: Path
+    attacked: tuple[Page, list[str]], recording: Path, program_of: Callable[..., Program]
 ) -> None:
     page, calls = attacked
-    program = subprocess.Popen(
-        [sys.executable, "app.py", "view", "--root", str(recording.parent), "--port", "0"],
-        cwd=ROOT, stdout=subprocess.PIPE, text=True, env={**os.environ, "XDG_STATE_HOME": str(tmp_path)},
-    )  # fmt: skip
-    try:
-        assert program.stdout is not None
-        page.goto(next(word for word in program.stdout.readline().split() if word.startswith("http")))
-        expect(page.locator("body")).to_contain_text(FOLDER)
-        unharmed(page, calls)
-        page.get_by_text(FOLDER, exact=False).first.click()
-        expect(page.locator("body")).to_contain_text(SCRIPT)
-        unharmed(page, calls)
-    finally:
-        program.terminate()
-        program.wait(timeout=60)
-        assert program.stdout is not None
-        program.stdout.close()
+    page.goto(program_of(f"--root {recording.parent}", None).url)
+    expect(page.locator("body")).to_contain_text(FOLDER)
+    unharmed(page, calls)
+    page.get_by_text(FOLDER, exact=False).first.click()
+    expect(page.locator("body")).to_contain_text(SCRIPT)
+    unharmed(page, calls)

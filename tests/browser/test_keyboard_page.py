@@ -103,6 +103,10 @@ def test_settings_are_set_kept_and_reset(open_tab, program):
     keys.press("Control+,")
     sheet.get_by_role("button", name="Reset all").click()
     tab.until("flatcloth.state.settings.advance && flatcloth.state.settings.step_mm === 2")
+    sheet.get_by_label("Auto runs until", exact=True).select_option("views")
+    sheet.get_by_label("This many views", exact=True).fill("3")
+    keys.press("Tab")
+    tab.until("flatcloth.state.settings.auto_until === 'views' && flatcloth.state.settings.auto_views === 3")
     sheet.get_by_label("Theme").select_option("Dark")
     assert tab.page.evaluate("document.documentElement.dataset.theme") == "dark"
     sheet.get_by_role("button", name="Reset Theme").click()

@@ -9,7 +9,7 @@ import pytest
 pytestmark = [pytest.mark.browser, pytest.mark.scene]
 
 
-def test_picks_are_numbered_on_both_panes_and_the_pointer_is_linked_both_ways(open_tab):
+def test_picks_are_numbered_the_pointer_is_linked_both_ways_and_else_the_scene_rests(open_tab):
     tab = open_tab().ready()
     first = tab.click_shape(0.5, 0.5)
     tab.click_shape(0.4, 0.6)
@@ -32,6 +32,8 @@ def test_picks_are_numbered_on_both_panes_and_the_pointer_is_linked_both_ways(op
     plane = tab.page.evaluate("flatcloth.sceneMarks.plane")
     assert math.dist(plane, first["uv_m"]) < 0.012
     tab.shoot("linked")
+    tab.page.mouse.move(5, 5)
+    the_scene_is_drawn_when_something_changes_and_else_rests(tab)
 
 
 WATCH_DRAWING = """() => {
@@ -46,8 +48,7 @@ WATCH_DRAWING = """() => {
 }"""
 
 
-def test_the_scene_is_drawn_when_something_changes_and_else_rests(open_tab):
-    tab = open_tab().ready()
+def the_scene_is_drawn_when_something_changes_and_else_rests(tab):
     tab.scene.evaluate(WATCH_DRAWING)
     # Once what was begun is drawn; viser by itself would draw each second.
     tab.scene.wait_for_function("performance.now() - drawnAt > 2500", polling=100)

@@ -41,15 +41,16 @@ def test_nothing_is_wrong_with_a_right_recording(name):
 def test_nothing_is_wrong_where_only_the_sensor_is_noisier(name, noise_px):
     # Noise that partly stays where it is in the image lets turns between neighbours look shorter.
     recording = open_recording(name)
+    shape = recording[0].depth_m.shape
 
     def field(seed):
-        made = cv2.GaussianBlur(
-            np.random.default_rng(seed).standard_normal(recording[0].depth_m.shape), (0, 0), 2.0
-        )
+        made = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(shape), (0, 0), 2.0)
         return made / made.std()
 
+    stays = field(99)
+
     def noisier(frame):
-        error_px = noise_px * (0.5 * field(99) + 0.87 * field(frame.view_index))
+        error_px = noise_px * (0.5 * stays + 0.87 * field(frame.view_index))
         depth_m, scale = frame.depth_m, frame.intrinsics.fy * 0.05
         changed = 1.0 / (1.0 / np.where(depth_m > 0, depth_m, 1.0) + error_px / scale)
         return ViewImages(frame.color, np.where(depth_m > 0, changed, 0).astype(np.float32), frame.mask)
@@ -60,7 +61,6 @@ def test_nothing_is_wrong_where_only_the_sensor_is_noisier(name, noise_px):
 @pytest.mark.parametrize(
     ("mistake", "name"),
     [
-        (Mends(reverse=True), "sense"),
         (Mends(mirror=True), "sense"),
         (Mends(angle_factor=2.0), "factor"),
         (Mends(reverse=True, angle_factor=0.5), "sense"),
@@ -97,13 +97,6 @@ def test_views_in_a_random_order_are_put_in_order_again(right):
     assert found.name == "order"
     turned = np.array(mended(wrong, found.mends[0]).angles_deg) - right.angles_deg
     assert np.allclose((turned - turned[0] + 180) % 360 - 180, 0.0)
-
-
-def test_a_slipped_turntable_is_told_from_a_single_view(right):
-    slipped = tuple((n, right.angles_deg[n] - 16.0) for n in range(20, 36))
-    (found,) = check_recording(mended(right, Mends(view_angles=slipped))).findings
-    assert found.name == "views"
-    assert "From view 20 on" in found.text
 
 
 def test_an_item_that_does_not_turn_is_named_and_nothing_mends_it(right):
@@ -170,10 +163,12 @@ def test_a_single_view_is_no_mistake(right):
 
 
 @pytest.mark.parametrize("by_deg", [-16.0, 16.0])
-def test_the_end_of_a_full_turn_tells_how_far_the_turntable_slipped(right, by_deg):
+def test_a_slipped_turntable_is_told_from_a_single_view_and_the_end_of_a_turn_tells_how_far(right, by_deg):
     slipped = tuple((n, right.angles_deg[n] + by_deg) for n in range(20, 36))
     wrong = mended(right, Mends(view_angles=slipped))
     (found,) = check_recording(wrong).findings
+    assert found.name == "views"
+    assert "From view 20 on" in found.text
     turned = np.array(mended(wrong, found.mends[0]).angles_deg) - right.angles_deg
     assert np.abs(turned).max() < 1.5
 

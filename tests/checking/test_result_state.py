@@ -215,8 +215,8 @@ def test_no_garment_is_tried_on_an_unattended_result_that_is_wrong(monkeypatch):
 
 
 def test_a_result_of_a_wrong_recording_calls_nothing_reliable():
-    every_second = tuple(range(1, 36, 2))
-    wrong = mended(open_recording(RIGHT), Mends(reverse=True, leave_out=every_second))
+    two_of_three = tuple(n for n in range(36) if n % 3)
+    wrong = mended(open_recording(RIGHT), Mends(reverse=True, leave_out=two_of_three))
     assert known_check(wrong) is None
     checked(wrong)
     shape = flatcloth.integrate(wrong, cores=1)

@@ -24,8 +24,8 @@ SAMPLE = ROOT / "recordings" / "shirt-sleeve-clean"
 
 @pytest.fixture(scope="module")
 def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Every third view of a bundled recording, with its truth."""
-    return few_views(SAMPLE.name, 3, tmp_path_factory.mktemp("sample") / SAMPLE.name)
+    """Every fourth view of a bundled recording, with its truth."""
+    return few_views(SAMPLE.name, 4, tmp_path_factory.mktemp("sample") / SAMPLE.name)
 
 
 def test_run_integrates_resumes_and_evaluate_agrees(

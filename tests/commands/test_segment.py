@@ -70,6 +70,7 @@ def test_segment_copies_the_recording_with_masks_after_strokes(recording, tmp_pa
 
 def test_strokes_that_touch_no_image_are_refused_and_not_journaled(recording, tmp_path, capsys):
     out = tmp_path / "out"
+    command = ["run", str(recording), "--out", str(out), "--sides", "one", "--strokes"]
     for view_index, row, cause in (
         (12, 119.0, "view 12 does not exist"),
         (6, -1e4, "outside the image of view 6"),
@@ -77,12 +78,12 @@ def test_strokes_that_touch_no_image_are_refused_and_not_journaled(recording, tm
     ):
         off = (ImageStroke(side="this", view_index=view_index, points_rc=((row, 119.0),)),)
         strokes = str(_strokes(tmp_path, off))
-        assert main(["run", str(recording), "--out", str(out), "--strokes", strokes, "--quiet"]) == 2
+        assert main([*command, strokes, "--quiet"]) == 2
         said = capsys.readouterr().err
         assert cause in said
         assert said.count("\n") == 1
         assert (out / "journal.jsonl").read_bytes() == b""
-    assert main(["run", str(recording), "--out", str(out), "--strokes", str(_strokes(tmp_path))]) == 0
+    assert main([*command, str(_strokes(tmp_path))]) == 0
     outcome = json.loads((out / "outcome.json").read_text())
     assert outcome["segmentation"]["decisions"] == 1
     assert outcome["segmentation"]["certainty"] > 0.7

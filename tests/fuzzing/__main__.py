@@ -27,6 +27,8 @@ _IMPORTED = (
     "flatcloth.synthesis.recording", "flatcloth.export.session", "flatcloth.engine.outcome",
     "flatcloth.engine.headless", "flatcloth.engine.evaluation",
     "flatcloth.methods.paper.method", "flatcloth.methods.robust.method",
+    "flatcloth.commands.evaluate", "flatcloth.commands.export", "flatcloth.commands.import_",
+    "flatcloth.commands.run", "flatcloth.commands.synthesize",
 )  # fmt: skip
 _HEAVY_SHARE = 0.25
 
@@ -142,6 +144,8 @@ def _replayed(kept: Path) -> Outcome:
 
 
 def _import_everything() -> None:
+    """Load libraries and compiled kernels once: else each forked process does, in half a second of CPU."""
+    from flatcloth.engine.warmup import warm_up
     from flatcloth.recordings.files.libraries import load_realsense
     from flatcloth.synthesis.rendering import load_open3d
 
@@ -149,6 +153,7 @@ def _import_everything() -> None:
         importlib.import_module(name)
     load_realsense()
     load_open3d()
+    warm_up()
 
 
 def _options() -> argparse.Namespace:

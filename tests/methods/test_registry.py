@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exported_sessions import write_cylinder
 
 from flatcloth.cli import main
 from flatcloth.core.errors import ConfigError
@@ -75,7 +76,8 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> str:
 def test_a_registered_method_runs_from_the_command_line(
     toy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["run", "shirt-sleeve-clean", "--method", toy, "--out", str(tmp_path / "s")]) == 0
+    recording = str(write_cylinder(tmp_path / "cylinder"))
+    assert main(["run", recording, "--method", toy, "--out", str(tmp_path / "s")]) == 0
     outcome = json.loads((tmp_path / "s" / "outcome.json").read_text())
     assert outcome["method"] == toy
     used = {outcome["start_view"], *(a["view_index"] for a in outcome["accepted"])}

@@ -7,14 +7,10 @@ import contextlib
 import importlib.util
 import io
 import json
-import os
-import signal
 import socket
-import subprocess
-import sys
 import threading
-import time
 from dataclasses import replace
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +19,7 @@ import httpx
 import numpy as np
 import pytest
 from cells import SHAPE, loop_in, seen, sheet_cell
+from forked_program import forked
 from garment_meshes import arc, write_obj
 from PIL import Image as PillowImage
 from websockets.exceptions import ConnectionClosed
@@ -50,28 +47,25 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
-def started(out: Path, mesh: Path, port: int, *options: str) -> subprocess.Popen[bytes]:
-    """The program, listening."""
+def started(out: Path, mesh: Path, port: int) -> ForkServerProcess:
+    """The program with a budget of three views, listening."""
     command = ["active", "--cell", str(mesh), "--panel", "1", "--sensor", "none", "--listen", str(port)]
-    said = out.with_name(f"{out.name}-said.txt")
-    with said.open("wb") as file:
-        process = subprocess.Popen(
-            [sys.executable, "app.py", *command, "--out", str(out), *options],
-            cwd=ROOT,
-            env={**os.environ, "FLATCLOTH_TOKEN": TOKEN},
-            stdout=file,
-        )
-    for _ in range(600):
-        if "Robots ask" in said.read_text():
-            return process
-        assert process.poll() is None, "it ended"
-        time.sleep(0.1)
-    raise AssertionError("it does not listen")
+    process, printed = forked([*command, "--out", str(out), "--budget", "3"], str(ROOT))
+    listens = threading.Event()
+
+    def read() -> None:
+        with open(printed) as said:
+            for line in said:
+                if "Robots ask" in line:
+                    listens.set()
+
+    threading.Thread(target=read, daemon=True).start()
+    assert listens.wait(60), "it does not listen"
+    return process
 
 
-def client(monkeypatch: pytest.MonkeyPatch) -> Any:
+def client() -> Any:
     """The example, as a module."""
-    monkeypatch.setenv("FLATCLOTH_TOKEN", TOKEN)
     spec = importlib.util.spec_from_file_location("robot_active", ROOT / "examples" / "robot_active.py")
     assert spec is not None
     assert spec.loader is not None
@@ -81,24 +75,27 @@ def client(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 @pytest.fixture
-def sheet(tmp_path: Path) -> Path:
+def sheet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A mesh; robot and program know the token."""
+    monkeypatch.setenv("FLATCLOTH_TOKEN", TOKEN)
     return write_obj(tmp_path / "sheet.obj", *arc(300.0, columns=48))
 
 
 def test_the_example_client_turns_until_the_end_and_what_becomes_known_is_pushed(
-    tmp_path: Path, sheet: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, sheet: Path
 ) -> None:
     port, events = free_port(), list[dict[str, Any]]()
-    process = started(tmp_path / "out", sheet, port, "--budget", "3")
+    process = started(tmp_path / "out", sheet, port)
     headers = {"Authorization": f"Bearer {TOKEN}"}
     with connect(f"ws://127.0.0.1:{port}/robot/events", additional_headers=headers) as pushed:
-        end = client(monkeypatch).run(f"http://127.0.0.1:{port}")
+        end = client().run(f"http://127.0.0.1:{port}")
         with contextlib.suppress(ConnectionClosed):  # the program ends
             for text in pushed:
                 events.append(json.loads(text))
     assert "budget of 3 views" in end["reason"]
     assert end["views"] == 3
-    assert process.wait(timeout=60) == 1
+    process.join(60)
+    assert process.exitcode == 1
     assert len(open_recording(tmp_path / "out" / "recording")) == 3
     assert (tmp_path / "out" / "grasps.json").exists()
     assert (events[0]["type"], events[0]["recording"]) == ("hello", "out")
@@ -113,24 +110,25 @@ def test_the_example_client_turns_until_the_end_and_what_becomes_known_is_pushed
 
 
 def test_a_server_that_is_killed_between_two_views_goes_on_with_the_next_angle(
-    tmp_path: Path, sheet: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, sheet: Path
 ) -> None:
     port, out = free_port(), tmp_path / "out"
-    processes = [started(out, sheet, port, "--budget", "3")]
-    robot, angles = client(monkeypatch), []
+    processes = [started(out, sheet, port)]
+    robot, angles = client(), []
 
     def turn_to(angle_deg: float) -> None:
         angles.append(angle_deg)
         if len(angles) == 2:  # one view is taken, the second is not announced yet
-            processes[0].send_signal(signal.SIGKILL)
-            processes[0].wait()
-            processes.append(started(out, sheet, port, "--budget", "3"))
+            processes[0].kill()
+            processes[0].join()
+            processes.append(started(out, sheet, port))
 
     robot.turn_to = turn_to
     end = robot.run(f"http://127.0.0.1:{port}")
     assert end["views"] == 3
     assert list(open_recording(out / "recording").angles_deg) == angles
-    assert processes[1].wait(timeout=60) == 1
+    processes[1].join(60)
+    assert processes[1].exitcode == 1
 
 
 def test_poses_of_named_points_are_pushed_once_at_the_rotation_of_the_item(tmp_path: Path) -> None:
