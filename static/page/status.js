@@ -62,7 +62,7 @@ export class StatusLines extends PagePart {
 
 /** What to do next, in a line; without the keys where there are none. */
 function hint(/** @type {Page} */ { thisSide, joints }) {
-  const text = joints.held ? joints.question : nextOf(thisSide, joints.doubt);
+  const text = joints.held ? joints.question : nextOf(thisSide, joints.doubt ?? "");
   return hasKeys() ? text : text.replace(/ \((Shift\+)?[A-Z.]\)/g, "");
 }
 
