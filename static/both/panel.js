@@ -328,7 +328,7 @@ export class BothSides extends PagePart {
 }
 
 /**
- * Seams by the points of the garment that they come near, else by the side of the shape; those of one name in order.
+ * Seams by the outermost points of the garment that they come near, else by the side of the shape; of one name in order.
  * @param {SidePlaces} places @param {GarmentPoint[]} points
  */
 function namesOf({ seams, this_outline_uv_m }, points) {
@@ -336,10 +336,11 @@ function namesOf({ seams, this_outline_uv_m }, points) {
   const boxes = seams.map(({ this_uv_m }) => boxOfPoints(this_uv_m.flat()));
   const own = seams.map(({ this_uv_m }, n) => {
     const off = points.map(({ uv_m: [u, v] }) => Math.min(...this_uv_m.map(([x, y]) => Math.hypot(x - u, y - v))));
-    const near = [...off.keys()].filter((k) => off[k] < NEAR_M).sort((a, b) => off[a] - off[b]);
-    const [right, left] = [boxes[n].left - shape.left, shape.right - boxes[n].right];
-    const ends = near.slice(0, 2).map((k) => words(points[k].name));
-    return ends.join(" to ") || (right < left ? "left side" : "right side");
+    const near = points.filter((_, k) => off[k] < NEAR_M);
+    const apart = (/** @type {GarmentPoint} */ { uv_m }) => Math.hypot(...uv_m.map((x, i) => x - near[0].uv_m[i]));
+    const ends = near.length > 1 ? [near[0], near.toSorted((a, b) => apart(b) - apart(a))[0]] : near;
+    const side = boxes[n].left - shape.left < shape.right - boxes[n].right ? "left side" : "right side";
+    return ends.map(({ name }) => words(name)).join(" to ") || side;
   });
   return own.map((name, n) => {
     const same = [...own.keys()].filter((k) => own[k] === name).sort((a, b) => boxes[a].top - boxes[b].top);
