@@ -21,7 +21,8 @@ def with_a_place(route):
         u, v = joint["ends_uv_m"][len(joint["ends_uv_m"]) // 2][0]
         cos, sin = math.cos(TURN_RAD), math.sin(TURN_RAD)
         motion = {"theta_rad": TURN_RAD, "u_m": u - cos * u + sin * v, "v_m": v - sin * u - cos * v}
-        joint["places"] = [{"by": "garment", "shape_from_part": motion, "probability": 0.01}]
+        place = {"by": "garment", "shape_from_part": motion, "probability": 0.01}
+        joint |= {"weak": True, "probability": 0.9, "places": [place]}
     route.fulfill(response=response, body=json.dumps(found))
 
 

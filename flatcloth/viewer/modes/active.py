@@ -13,7 +13,7 @@ from typing import Any
 
 from msgspec import structs
 
-from flatcloth.active.choosing import End, Next, Waiting
+from flatcloth.active.choosing import FIRST, End, Next, Waiting
 from flatcloth.active.eye import CameraEye
 from flatcloth.active.goal import Goal, Knowledge, parse_goal
 from flatcloth.active.incoming import SeenView, Taken
@@ -45,6 +45,7 @@ class PageLoop(ActiveLoop):
     """A loop whose views are decided on the page, once it has one."""
 
     page: ActiveApplication | None = None
+    _answered: Next | Waiting | End = FIRST
 
     def _grow_session(self) -> None:
         if self.page is None:
@@ -55,6 +56,7 @@ class PageLoop(ActiveLoop):
     def _after(self, number: int, told: list[str]) -> Taken:
         if self.page is None:
             return super()._after(number, told)
+        self._answered = self.asked
         self.asked = Waiting(reason=f"View {number} is being placed; its proposal is decided on the page.")
         self.page.propose_view(number)
         return Taken(number=number, told=tuple(told))
@@ -64,6 +66,7 @@ class PageLoop(ActiveLoop):
         with self.lock:
             used = number in self.document.used_views
             told = [] if used else [f"View {number} is not part of the shape."]
+            self.asked = self._answered  # what was expected of the view
             self._answer(number, told, joined=used)
 
     def _learn_from(self, before: Knowledge, line: dict[str, Any], *, ends: bool = False) -> None:
