@@ -45,7 +45,6 @@ class PageLoop(ActiveLoop):
     """A loop whose views are decided on the page, once it has one."""
 
     page: ActiveApplication | None = None
-    _answered: Next | Waiting | End = FIRST
 
     def _grow_session(self) -> None:
         if self.page is None:
@@ -56,8 +55,9 @@ class PageLoop(ActiveLoop):
     def _after(self, number: int, told: list[str]) -> Taken:
         if self.page is None:
             return super()._after(number, told)
-        self._answered = self.asked
-        self.asked = Waiting(reason=f"View {number} is being placed; its proposal is decided on the page.")
+        reason = f"View {number} is being placed; its proposal is decided on the page."
+        asked = self.asked if isinstance(self.asked, Next) else FIRST
+        self.asked = Waiting(reason=reason, new_m2=asked.new_m2)
         self.page.propose_view(number)
         return Taken(number=number, told=tuple(told))
 
@@ -66,7 +66,6 @@ class PageLoop(ActiveLoop):
         with self.lock:
             used = number in self.document.used_views
             told = [] if used else [f"View {number} is not part of the shape."]
-            self.asked = self._answered  # what was expected of the view
             self._answer(number, told, joined=used)
 
     def _learn_from(self, before: Knowledge, line: dict[str, Any], *, ends: bool = False) -> None:
