@@ -111,8 +111,7 @@ export class JointsPanel extends PagePart {
     if (!this.found || this.found.trouble) return null;
     const joint = this.joints.find(({ weak }) => weak);
     if (!joint) return "";
-    const right = `${number(100 * joint.probability, 1)} %`;
-    return `${cm2(joint.area_cm2)} hang on one joint that is right with a probability of ${right}`;
+    return `${cm2(joint.area_cm2)} hang on one joint that is right with a probability of ${number(100 * joint.probability, 1)} %`;
   }
 
   /** What is asked about the part that is held. */
