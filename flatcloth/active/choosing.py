@@ -319,9 +319,10 @@ FIRST = Next(angle_deg=0.0, turn_deg=0.0, why="the first view, as the item hangs
 
 @dataclass(frozen=True, kw_only=True)
 class Waiting:
-    """Nothing is asked until an operator has decided."""
+    """Nothing is asked until an operator has decided about a view, of which ``new_m2`` was expected."""
 
     reason: str
+    new_m2: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -84,8 +84,7 @@ class ActiveLog:
         Before there are three that joined the shape, the others count as 1; no more is believed than was
         promised.
         """
-        lines = (line for line in self.lines if line["event"] == "view" and line.get("joined"))
-        views = [line for line in lines if line.get("expected_m2")][-LAST_VIEWS:]
+        views = [line for line in self.lines if line.get("joined") and line.get("expected_m2")][-LAST_VIEWS:]
         got, expected = (sum(max(0.0, line[key]) for line in views) for key in ("new_m2", "expected_m2"))
         kept = min(1.0, got / max(expected, 1e-9))
         return float(1.0 - (1.0 - kept) * len(views) / LAST_VIEWS)

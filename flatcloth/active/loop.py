@@ -337,7 +337,7 @@ class ActiveLoop:
 
     def _answer(self, number: int, told: list[str], *, joined: bool) -> None:
         """Choose the next angle after a view that was decided, and begin to learn."""
-        before, expected_m2 = self.knowledge, self.asked.new_m2 if isinstance(self.asked, Next) else math.nan
+        before, expected_m2 = self.knowledge, math.nan if isinstance(self.asked, End) else self.asked.new_m2
         self._look_at_shape()
         line = {
             "number": number,

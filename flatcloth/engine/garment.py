@@ -213,6 +213,12 @@ class GarmentService:
         last = self._last
         return None if last is None else last[1]
 
+    @property
+    def edge_m(self) -> float:
+        """The largest u of the outline of the last garment; minus infinity if it is of no known kind."""
+        last = self.last
+        return float(last.found.outline_uv_m[:, 0].max()) if last is not None and last.kind else -math.inf
+
     def of(self, document: Document) -> KnownGarment:
         """Recognise the garment of a document's shape.
 

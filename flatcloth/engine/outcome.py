@@ -19,10 +19,11 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.joints import Joint, alternatives, joints_of
 from flatcloth.engine.result import pixel_counts, uncertainty
 from flatcloth.engine.segmenting import summary
-from flatcloth.engine.sheet import OTHER_FILE, SheetPiece, other_floating_file, sheet_of
+from flatcloth.engine.sheet import OTHER_FILE, SheetPiece, floating_file, other_floating_file, sheet_of
 from flatcloth.methods.answers import JoinedSides, OtherJoint, Seam
 from flatcloth.registration.registered import describe
 from flatcloth.session.document import Accepted, Document
+from flatcloth.shape.joints import NEGLIGIBLE
 
 FORMAT = "flatcloth-outcome/1"
 FILE = "outcome.json"
@@ -104,7 +105,7 @@ def _floating(piece: SheetPiece) -> dict[str, Any]:
     """Return a floating piece as it is called on the page, with its file."""
     return {
         "piece": piece.label,
-        "file": piece.file,
+        "file": floating_file(piece.number),
         "area_cm2": round(1e4 * piece.view.area_m2, 1),
         "reason": piece.reason,
         "views": list(piece.views),
@@ -177,12 +178,12 @@ def lines_of(outcome: dict[str, Any]) -> list[str]:
 
 
 def _joint_line(joints: Sequence[dict[str, Any]], of: str) -> list[str]:
-    """Return a line about the most doubtful joint of some, if there is one."""
-    if not any(joint["probability"] < 1.0 for joint in joints):
-        return []
-    hanging = f"{joints[0]['area_cm2']:.0f} cm2, {joints[0]['share']:.0%} of {of},"
+    """Return a line about the most doubtful joint of some, if more cloth than is negligible may be wrong."""
     return [
-        f"{hanging} hang on one joint that is right with a probability of {joints[0]['probability']:.1%}."
+        f"{joint['area_cm2']:.0f} cm2, {joint['share']:.0%} of {of}, hang on one joint that is right with a"
+        f" probability of {joint['probability']:.1%}."
+        for joint in joints[:1]
+        if joint["share"] * (1.0 - joint["probability"]) > NEGLIGIBLE
     ]
 
 

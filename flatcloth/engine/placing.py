@@ -16,13 +16,7 @@ import numpy as np
 from flatcloth.core.errors import AlignmentError, FlatteningError, SurfaceError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Float64, Progress, Rigid2
-from flatcloth.methods.answers import (
-    Alignment,
-    AlignmentScore,
-    ComponentPlacement,
-    Placement,
-    Plan,
-)
+from flatcloth.methods.answers import Alignment, AlignmentScore, ComponentPlacement, Placement, Plan
 from flatcloth.methods.base import Method
 from flatcloth.session.document import NO_COMPONENT, Document, Side
 from flatcloth.session.machine import Followed

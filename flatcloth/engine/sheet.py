@@ -8,6 +8,7 @@ reliable place stay where they are.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -67,11 +68,6 @@ class SheetPiece:
         """The motion from the method's plane to the sheet."""
         return self.placed or Rigid2(0.0, *self.shift_m)
 
-    @property
-    def file(self) -> str:
-        """The file of the piece in an export."""
-        return floating_file(self.number)
-
 
 def floating_file(number: int) -> str:
     """Return the file of a floating piece, counted from 1."""
@@ -103,8 +99,7 @@ class Sheet:
     @property
     def placed(self) -> dict[int, Rigid2]:
         """The motions of the pieces placed by the garment, by their index in ``canonical.floating``."""
-        order = order_of(self.canonical.floating)
-        return {order[n]: piece.placed for n, piece in enumerate(self.pieces) if piece.placed is not None}
+        return {piece.number - 1: piece.placed for piece in self.pieces if piece.placed is not None}
 
     @property
     def floating_m2(self) -> float:
@@ -116,6 +111,10 @@ class Sheet:
         """Area of the shape with the pieces that are placed on it."""
         placed = sum(piece.view.area_m2 for piece in self.pieces if piece.placed is not None)
         return self.canonical.view.area_m2 + placed
+
+    def is_clear_of(self, edge_m: float) -> bool:
+        """Return whether no piece next to the shape reaches over what is drawn up to u ``edge_m``."""
+        return all(p.shift_m == (0.0, 0.0) or p.view.origin_uv_m[0] > edge_m for p in self.pieces)
 
     def piece_at(self, uv_m: Floats) -> int:
         """Return which piece a place of the sheet belongs to: that whose rectangle holds it, else 0."""
@@ -131,18 +130,16 @@ class Sheet:
 
     def piece_on_plane(self, uv_m: Floats) -> int:
         """Return which piece a place of the method's plane belongs to: the nearest far piece, else 0."""
-        at, best, nearest = np.asarray(uv_m, dtype=np.float64), 0, np.inf
+        at = np.asarray(uv_m, dtype=np.float64)
         candidates = [(0, *_box(self.canonical.view))]
         for n, piece in enumerate(self.pieces, 1):
             if piece.sheet_from_plane != Rigid2():
                 sides = np.transpose(_box(piece.view))
                 corners = piece.sheet_from_plane.inverse().apply(np.array([*itertools.product(*sides)]))
                 candidates.append((n, corners.min(axis=0), corners.max(axis=0)))
-        for n, low, high in candidates:
-            off = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - at, at - high))))
-            if off < nearest:
-                best, nearest = n, off
-        return best if nearest < _NEAR_M else 0
+        outside = [np.maximum(0.0, np.maximum(low - at, at - high)) for _, low, high in candidates]
+        off, nearest = min((float(np.linalg.norm(each)), n) for n, each in enumerate(outside))
+        return candidates[nearest][0] if off < _NEAR_M else 0
 
     def shift(self, piece: int) -> Rigid2:
         """Return the motion from the method's plane to the sheet of a piece, 0 the shape."""
@@ -184,16 +181,17 @@ def lay_out(
     canonical: Canonical,
     placed: Mapping[int, Rigid2] = MappingProxyType({}),
     by_hand: Collection[int] = (),
+    edge_m: float = -math.inf,
 ) -> Sheet:
     """Lay out the floating pieces of a canonical view next to it.
 
     ``placed`` are motions onto the shape of those that have a place on it, by their index in ``floating``;
-    ``by_hand`` those that the operator placed, or cut off.
+    ``by_hand`` those that the operator placed, or cut off. What is drawn of the shape ends at u ``edge_m``.
     """
     main = canonical.view
     low, high = _box(main)
     height = max(float(high[1] - low[1]), 0.2)
-    left, top, wide = float(high[0]) + GAP_M, float(low[1]), 0.0
+    left, top, wide = max(float(high[0]), edge_m) + GAP_M, float(low[1]), 0.0
     pieces = []
     for n, index in enumerate(order_of(canonical.floating)):
         view = canonical.floating[index]
@@ -217,7 +215,7 @@ def lay_out(
             between = np.asarray(main.origin_uv_m) - (np.asarray(view.origin_uv_m) + step)
             step = step + between - np.rint(between / main.pixel_size_m) * main.pixel_size_m
             shift = (float(step[0]), float(step[1]))
-            top, wide = top + float(size[1]) + GAP_M, max(wide, float(size[0]))
+            top, wide = top + float(size[1]) + 2 * GAP_M, max(wide, float(size[0]))
             view = replace(view, origin_uv_m=(view.origin_uv_m[0] + shift[0], view.origin_uv_m[1] + shift[1]))
         pieces.append(
             SheetPiece(
@@ -235,18 +233,23 @@ def lay_out(
 
 
 def sheet_of(
-    canonical: Canonical, document: Document, laid: Sequence[LaidPiece] = (), before: Sheet | None = None
+    canonical: Canonical,
+    document: Document,
+    laid: Sequence[LaidPiece] = (),
+    before: Sheet | None = None,
+    edge_m: float = -math.inf,
 ) -> Sheet:
     """Lay out a canonical view, with the pieces that its document places by the garment, or that seams lay.
 
-    ``before`` is returned if nothing on it has changed.
+    ``before`` is returned if nothing on it has changed, and its pieces are clear of what ends at ``edge_m``.
     """
     decided = decided_pieces(document.garment, canonical.view, canonical.floating)
     decided = decided.with_laid(laid)
     placed = decided.shape_from_piece
     if before is not None and before.canonical is canonical and before.placed == placed:
-        return before
-    return lay_out(canonical, placed, decided.by_hand)
+        if before.is_clear_of(edge_m):
+            return before
+    return lay_out(canonical, placed, decided.by_hand, edge_m)
 
 
 def with_placed_pieces(canonical: Canonical, pieces: DecidedPieces) -> Canonical:
@@ -400,9 +403,11 @@ def _joined(main: FlattenedView, pieces: list[FlattenedView]) -> tuple[Flattened
     boxes = np.array([_box(view) for view in (main, *pieces)])
     low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
     cols, rows = (np.rint((high - low) / size).astype(int) + 1).tolist()
-    arrays: dict[str, Any] = {
-        name: _empty(getattr(main, name), rows, cols) for name in _ARRAYS if _has(main, name)
-    }
+    arrays: dict[str, Any] = {}
+    for name in _ARRAYS:
+        if (own := getattr(main, name)) is not None:
+            nothing = np.nan if own.dtype.kind == "f" else -1 if own.dtype.kind == "i" else 0
+            arrays[name] = np.full((rows, cols, *own.shape[2:]), nothing, dtype=own.dtype)
     piece = np.full((rows, cols), -1, dtype=np.int16)
     for n, view in enumerate((main, *pieces)):
         col, row = np.rint((np.asarray(view.origin_uv_m) - low) / size).astype(int).tolist()
@@ -410,21 +415,11 @@ def _joined(main: FlattenedView, pieces: list[FlattenedView]) -> tuple[Flattened
         fresh = view.valid & (piece[where] < 0)
         piece[where][fresh] = n
         for name, array in arrays.items():
-            if _has(view, name):
-                array[where][fresh] = getattr(view, name)[fresh]
+            if (own := getattr(view, name)) is not None:
+                array[where][fresh] = own[fresh]
     return replace(main, origin_uv_m=(float(low[0]), float(low[1])), **arrays), piece
 
 
 _ARRAYS = (
     "rgb", "xyz_m", "normal", "z_angle_deg", "valid", "view_index", "source_rc", "quality", "placement_std_m",
 )  # fmt: skip
-
-
-def _has(view: FlattenedView, name: str) -> bool:
-    return getattr(view, name) is not None
-
-
-def _empty(like: NDArray[Any], rows: int, cols: int) -> NDArray[Any]:
-    """Return an array of a raster without cloth."""
-    nothing = np.nan if like.dtype.kind == "f" else -1 if like.dtype.kind == "i" else 0
-    return np.full((rows, cols, *like.shape[2:]), nothing, dtype=like.dtype)

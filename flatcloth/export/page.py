@@ -58,6 +58,9 @@ Integers = TypeVar("Integers", bound=np.integer[Any])
 _OTHER = "other "
 """Before the names of the other side's data. Chosen."""
 _IMPORT = re.compile(r'^@?import (?:(\{[^}]*\}) from )?"([^"]+)";\n', re.MULTILINE)
+_COMMENT = re.compile(
+    r"^[ \t]*(?:/\*(?:[^*]|\*(?!/))*\*/[ \t]*|//[^\n]*)\n|/\*\*(?:[^*\n]|\*(?!/))*\*/ ?", re.MULTILINE
+)
 _EXPORTED = re.compile(r"^export (?:async )?(?:const|function|class) (\w+)", re.MULTILINE)
 
 
@@ -97,7 +100,7 @@ def common_parts(entry: str, more_policy: str = "") -> dict[str, str]:
 
 
 def whole(folder: Path, entry: str) -> str:
-    """Return a module, or a style sheet, of a folder with all that it imports, as one text.
+    """Return a module, or a style sheet, of a folder with all that it imports, as one text without comments.
 
     Each module that is imported becomes a function, called at once, that returns what the module exports.
 
@@ -112,18 +115,15 @@ def whole(folder: Path, entry: str) -> str:
         if name in found:
             return
         with os_errors_as(FlatclothError, f"{folder / name}: cannot be read", "Reinstall flatcloth."):
-            source = (folder / name).read_text("utf-8")
+            source = _COMMENT.sub("", (folder / name).read_text("utf-8"))
         of = {way: posixpath.normpath(f"{name}/../{way}") for _, way in _IMPORT.findall(source)}
         for each in of.values():
             add(each)
         exports = ", ".join(_EXPORTED.findall(source))
         source = _EXPORTED.sub(lambda got: got[0].removeprefix("export "), source)
-        source = _IMPORT.sub(
-            lambda got: (
-                f'const {got[1].replace(" as ", ": ")} = modules["{of[got[2]]}"];\n' if got[1] else ""
-            ),
-            source,
-        )
+        for imported, way in _IMPORT.findall(source):
+            names = f'const {imported.replace(" as ", ": ")} = modules["{of[way]}"];\n' if imported else ""
+            source = _IMPORT.sub(names, source, count=1)
         if name.endswith(".js") and name != entry:
             source = f'modules["{name}"] = (() => {{\n{source}return {{ {exports} }};\n}})();\n'
         found[name] = source

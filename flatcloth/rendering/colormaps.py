@@ -47,12 +47,9 @@ that should be small."""
 
 
 def piece_color(piece: int) -> Uint8:
-    """Return the colour (3,) of a floating piece, numbered from 1: those of P. Tol's set repeat."""
-    import cmap
-
-    colors = cmap.Colormap("tol:vibrant").color_stops
-    red, green, blue, _ = colors[(piece - 1) % len(colors)].color.rgba8
-    return np.array([red, green, blue], dtype=np.uint8)
+    """Return the colour (3,) of a floating piece, numbered from 1: those of a purple ramp repeat."""
+    colors = (112, 96, 200), (160, 84, 190), (190, 92, 150), (140, 115, 165)
+    return np.array(colors[(piece - 1) % len(colors)], dtype=np.uint8)
 
 
 @cache

@@ -66,18 +66,16 @@ def laid_on(shape: FlattenedView, overlay: FlattenedView, new_points: Bool) -> P
 
     here, there = window(np.zeros(2, dtype=int), shape), window(at, overlay)
     rgb[here][shape.valid] = 0.45 * shape.rgb[shape.valid] + 0.55 * 235.0
-    known[here] |= shape.valid
+    known[here] = shape.valid
     tint = np.where(new_points[..., None], 0.45, 0.0)
     painted = (1 - tint) * overlay.rgb + tint * np.array(NEW_RGB, dtype=np.float64)
     rgb[there][overlay.valid] = painted[overlay.valid]
     known[there] |= overlay.valid
-    edge = overlay.valid & ~ndimage.binary_erosion(overlay.valid)
-    rgb[there][edge] = OUTLINE_RGB
+    rgb[there][overlay.valid & ~ndimage.binary_erosion(overlay.valid)] = OUTLINE_RGB
     rows, cols = window_of(known) or np.s_[0:1, 0:1]
-    alpha = np.where(known, 255, 0)[..., None]
     origin = np.array(shape.origin_uv_m) + size * (low + np.array([rows.start, cols.start]))[::-1]
     return PlanePicture(
-        rgba=np.concatenate([np.rint(rgb), alpha], axis=-1).astype(np.uint8)[rows, cols],
+        rgba=np.dstack([np.rint(rgb), np.where(known, 255, 0)]).astype(np.uint8)[rows, cols],
         pixel_size_m=size,
         origin_uv_m=(float(origin[0]), float(origin[1])),
     )
@@ -105,14 +103,13 @@ def side_by_side(this: FlattenedView, other: FlattenedView) -> tuple[PlanePictur
 
 
 def _colored(view: FlattenedView) -> Uint8:
-    alpha = np.where(view.valid, 255, 0).astype(np.uint8)
-    return np.concatenate([view.rgb, alpha[..., None]], axis=-1)
+    return np.dstack([view.rgb, np.where(view.valid, 255, 0).astype(np.uint8)])
 
 
 SMALL_PX = (112, 88)
 """Width and height of the thumbnails of views."""
 _QUALITY, _SMALL_QUALITY = 90, 80
-"""Of images as JPEG, and of their thumbnails. Chosen: lower ones show blocks on flat cloth."""
+"""Of images, and of their thumbnails. Chosen: lower ones show blocks on flat cloth."""
 
 _MARGIN = 0.04
 """Margin, as a share of the size. Chosen."""
@@ -126,6 +123,12 @@ def jpeg_thumbnail(color: Uint8, where: Bool | None = None) -> bytes:
 def jpeg(rgb: Uint8, quality: int = _QUALITY) -> bytes:
     """Return an image (H, W, 3) as JPEG."""
     return bytes(cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1])
+
+
+def webp(rgba: Uint8) -> bytes:
+    """Return a thumbnail (H, W, 4) as WebP."""
+    quality = [cv2.IMWRITE_WEBP_QUALITY, _SMALL_QUALITY]
+    return bytes(cv2.imencode(".webp", rgba[..., [2, 1, 0, 3]], quality)[1])
 
 
 def small_shape(rows: int, cols: int, most_px: tuple[int, int] = SMALL_PX) -> tuple[int, int]:

@@ -23,7 +23,7 @@ from flatcloth.shape.pieces import LEAST_EVIDENCE, LEAST_PIECE, both_ends
 _FALSE_SHARE = 1.0 / 9.0
 """Of parts that hardly any evidence joins, this share is false; beyond ``LEAST_EVIDENCE`` it falls with the
 square. Measured on 43 noisy shapes: 9 of 114 with less than 1, 5 of 142 up to 4, 8 of 1,994 up to 64."""
-_NEGLIGIBLE = 0.005
+NEGLIGIBLE = 0.005
 """What is false more rarely leaves three deviations as they are. By definition: of what is called reliable,
 this share may be wrong."""
 _FEW_NODES = 25.0
@@ -87,7 +87,7 @@ def doubt_of(false: Float64, off_m: Float64) -> Float64:
 
     Three deviations hold what is not negligible: all of it, as the false ones are one case.
     """
-    std_m: Float64 = _REACH * off_m / 3.0 * np.clip(2.0 * false / _NEGLIGIBLE - 1.0, 0.0, 1.0)
+    std_m: Float64 = _REACH * off_m / 3.0 * np.clip(2.0 * false / NEGLIGIBLE - 1.0, 0.0, 1.0)
     return std_m
 
 
@@ -120,7 +120,7 @@ def weak_joints(
     nodes in common the weakest is the joint, and cloth behind it has no other one.
     """
     node, _, size, joins = _branches_of(pairs, evidence, own, reference, kept)
-    weak = (size >= LEAST_PIECE) & (joins < evidence_of(0.5 * _NEGLIGIBLE))
+    weak = (size >= LEAST_PIECE) & (joins < evidence_of(0.5 * NEGLIGIBLE))
     found = dict[int, WeakJoint]()
     for k in np.argsort(np.where(weak, joins, np.inf), kind="stable")[: weak.sum()].tolist():
         behind = any(n <= k < n + size[n] for n in found)

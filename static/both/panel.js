@@ -2,7 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { mirrored } from "./seen.js";
-import { nearest } from "../canvas/geometry.js";
+import { boxOfPoints, nearest } from "../canvas/geometry.js";
 import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
 import { words } from "../garment/marks.js";
 import { askJson, Fetched } from "../page/connection.js";
@@ -122,11 +122,11 @@ export class BothSides extends PagePart {
       this.page.group("Sides, shown", ["beside", "seams", "joints"]),
       make("div#both-about"),
     ]);
-    const named = thisSide.garment?.found?.points;
-    rebuild(byId("both-about"), [other, own, this.showsSeams, this.chosen, this.places, named], () => [
+    const points = thisSide.garment?.found?.points;
+    rebuild(byId("both-about"), [other, own, this.showsSeams, this.chosen, this.places, points], () => [
       this.progress(other),
       other.layers && this.areas(other.layers, own ?? 0, other),
-      this.showsSeams && other.layers && this.seams(other),
+      this.showsSeams && this.places && this.seams(other, namesOf(this.places, points ?? [])),
     ]);
   }
 
@@ -170,15 +170,16 @@ export class BothSides extends PagePart {
     this.page.redrawMarks();
   }
 
-  seams(/** @type {NonNullable<State["other"]>} */ other) {
+  seams(/** @type {NonNullable<State["other"]>} */ other, /** @type {string[]} */ names) {
     if (!other.seams.length) return make("p.note", "No rims of both sides meet.");
     return [
       make("h3", count(other.seams.length, "seam")),
-      make("ul.seams", ...other.seams.map((seam, n) => this.row(seam, n, other.working))),
+      make("ul.seams", ...other.seams.map((seam, n) => this.row(seam, n, names[n], other.working))),
     ];
   }
 
-  row(/** @type {SeamInfo} */ seam, /** @type {number} */ n, /** @type {boolean} */ working) {
+  /** @param {SeamInfo} seam @param {number} n @param {string} name @param {boolean} working */
+  row(seam, n, name, working) {
     const on = n === this.chosen;
     const color = on ? "var(--accent)" : seam.why ? "var(--warn)" : "var(--seam)";
     return make(
@@ -192,23 +193,12 @@ export class BothSides extends PagePart {
           click: () => this.choose(on ? null : n),
         },
         swatch(color),
-        make("b", this.nameOf(seam, n)),
+        make("b", name),
         ` ${number(seam.length_mm / 10, 0)} cm`,
         make("small", seam.why ? "does not join" : "joins"),
       ),
       on && this.detail(seam, n, working),
     );
-  }
-
-  /** A seam by the points of the garment that it comes nearest to; where there are none by its pieces. */
-  nameOf(/** @type {SeamInfo} */ seam, /** @type {number} */ n) {
-    const places = this.places?.seams[n]?.this_uv_m ?? [];
-    const near = (this.page.thisSide.garment?.found?.points ?? [])
-      .map(({ name, uv_m: [u, v] }) => ({ name, off: Math.min(...places.map(([x, y]) => Math.hypot(x - u, y - v))) }))
-      .filter(({ off }) => off < NEAR_M)
-      .sort((a, b) => a.off - b.off);
-    const ends = near.slice(0, 2).map(({ name }) => words(name));
-    return ends.length ? ends.join(" to ") : `${seam.this_piece}–${seam.other_piece}`;
   }
 
   /** What speaks for a seam, and the decision about it. */
@@ -335,4 +325,26 @@ export class BothSides extends PagePart {
     if (!places || chosen === null || !showsSeams) return;
     drawSeamInScene(context, style, places.seams[chosen].xyz_m, place);
   }
+}
+
+/**
+ * Seams by the outermost points of the garment that they come near, else by the side of the shape; of one name in order.
+ * @param {SidePlaces} places @param {GarmentPoint[]} points
+ */
+function namesOf({ seams, this_outline_uv_m }, points) {
+  const shape = boxOfPoints(this_outline_uv_m.flat(2));
+  const boxes = seams.map(({ this_uv_m }) => boxOfPoints(this_uv_m.flat()));
+  const own = seams.map(({ this_uv_m }, n) => {
+    const off = points.map(({ uv_m: [u, v] }) => Math.min(...this_uv_m.map(([x, y]) => Math.hypot(x - u, y - v))));
+    const near = points.filter((_, k) => off[k] < NEAR_M);
+    const apart = (/** @type {GarmentPoint} */ { uv_m }) => Math.hypot(...uv_m.map((x, i) => x - near[0].uv_m[i]));
+    const ends = near.length > 1 ? [near[0], near.toSorted((a, b) => apart(b) - apart(a))[0]] : near;
+    const side = boxes[n].left - shape.left < shape.right - boxes[n].right ? "left side" : "right side";
+    return ends.map(({ name }) => words(name)).join(" to ") || side;
+  });
+  return own.map((name, n) => {
+    const same = [...own.keys()].filter((k) => own[k] === name).sort((a, b) => boxes[a].top - boxes[b].top);
+    const parts = same.length === 2 ? ["upper part", "lower part"] : same.map((_, k) => `part ${k + 1} from above`);
+    return same.length > 1 ? `${name}, ${parts[same.indexOf(n)]}` : name;
+  });
 }

@@ -5,7 +5,7 @@ import { askPicture } from "../page/connection.js";
 import { contextOf, WAYS } from "../page/dom.js";
 import { Pyramid } from "./pyramid.js";
 
-const OUTLINE = "#e67e00";
+const OUTLINE = "#2f8cff"; // of proposals: the accent, bright enough for any cloth
 
 /** One picture with its position on the plane; `onReady(anew)`: it is shown, `anew` if its revision is new. */
 export class Picture {

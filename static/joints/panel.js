@@ -106,12 +106,12 @@ export class JointsPanel extends PagePart {
     };
   }
 
-  /** What most doubtful cloth hangs on, in words; "": nothing is doubtful. */
+  /** What most doubtful cloth hangs on, in words; "": nothing is doubtful; null: that is not known. */
   get doubt() {
+    if (!this.found || this.found.trouble) return null;
     const joint = this.joints.find(({ weak }) => weak);
     if (!joint) return "";
-    const right = `${number(100 * joint.probability, 1)} %`;
-    return `${cm2(joint.area_cm2)} hang on one joint that is right with a probability of ${right}`;
+    return `${cm2(joint.area_cm2)} hang on one joint that is right with a probability of ${number(100 * joint.probability, 1)} %`;
   }
 
   /** What is asked about the part that is held. */
@@ -146,7 +146,7 @@ export class JointsPanel extends PagePart {
 
   row(/** @type {JointInfo} */ joint, /** @type {number} */ n) {
     const on = n === this.chosen;
-    const sure = joint.kept ? "kept" : joint.weak ? `${number(100 * joint.probability, 1)} % sure` : "firm";
+    const right = joint.probability < 1 ? `${number(100 * joint.probability, 1)} % sure` : "firm";
     return make(
       "li",
       make(
@@ -160,7 +160,7 @@ export class JointsPanel extends PagePart {
         swatch(on ? "var(--accent)" : joint.weak ? "var(--warn)" : "var(--seam)"),
         make("b", cm2(joint.area_cm2)),
         `by ${count(joint.views.length, "view")}`,
-        make("small", sure),
+        make("small", joint.kept ? "kept" : right),
       ),
       on && this.detail(joint, n),
     );

@@ -165,7 +165,7 @@ function startDivider(/** @type {Layout} */ layout) {
   const upright = {
     property: "--left",
     stored: "flatcloth-split",
-    usual: innerWidth < 1700 ? 0.25 : 0.285, // the flattened view has 55 %
+    usual: 0.29, // the flattened view has 55 % of a wide window
     orientation: "vertical",
     least: [300, 600], // of the scene; of canvas and inspector
     size: () => split.clientWidth,

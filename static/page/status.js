@@ -62,7 +62,7 @@ export class StatusLines extends PagePart {
 
 /** What to do next, in a line; without the keys where there are none. */
 function hint(/** @type {Page} */ { thisSide, joints }) {
-  const text = joints.held ? joints.question : nextOf(thisSide, joints.doubt);
+  const text = joints.held ? joints.question : nextOf(thisSide, joints.doubt ?? "");
   return hasKeys() ? text : text.replace(/ \((Shift\+)?[A-Z.]\)/g, "");
 }
 
@@ -72,6 +72,7 @@ function nextOf(state, doubt) {
   const { request, pending, n_later } = state;
   const { running, waits_for, ended, until } = state.auto;
   if (state.trouble || waits_for) return state.trouble || waits_for;
+  if (state.drawing && !state.layers && state.phase !== "computing") return "The views of the session are flattened.";
   const auto = running ? `Auto goes on ${until}. ` : "";
   const at = running ? "Auto is on. " : "";
   if (state.active && ["ready", "finished"].includes(state.phase)) return auto + task(state.active);

@@ -191,7 +191,7 @@ export class PiecesPanel extends PagePart {
   /** The outline of a piece where the garment has a place for it. */
   drawPlace(/** @type {Piece} */ piece) {
     const place = this.places.get(piece.label);
-    if (!place || place.state === "refused") return;
+    if (!place || place.state === "refused" || (piece.placed && place.state !== "placed")) return;
     const chosen = piece.label === this.chosen;
     const dash = piece.placed ? [] : [5, 4];
     for (const loop of place.outline_uv_m) strokeLoop(this.canvas, loop, piece.color, chosen ? 3 : 1.5, { dash });

@@ -128,7 +128,7 @@ export class ReviewList extends PagePart {
         class: `${view.state}${view.flagged ? " flagged" : ""}`,
         click: (event) => event.target.closest("button") || goTo(),
       },
-      make("td.pair", known && ["color.jpg", "flat.png"].map((file) => thumbOf(view, state, file))),
+      make("td.pair", known && ["color.jpg", "flat.webp"].map((file) => thumbOf(view, state, file))),
       make("td", smallButton(String(view.index), goTo, there)),
       make("td.figure", `${number(view.angle_deg, 0)}°`),
       make("td.figure", view.order === null ? "" : view.order === 0 ? "start" : String(view.order)),

@@ -75,7 +75,7 @@ export class ResultPanel extends PagePart {
           `Something about this recording is wrong: ${result.wrong.join("; ")}.`,
         ),
       this.sideDoubt(state),
-      this.jointDoubt(),
+      this.jointDoubt(result?.wrong.length === 0 && !this.sideDoubt(state)),
       values(
         ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
         state.other?.layers && ["Other side", otherSide(state.other), "Cloth of the other side, and what joins it"],
@@ -102,9 +102,10 @@ export class ResultPanel extends PagePart {
     );
   }
 
-  /** What most doubtful cloth hangs on, and the way to look at it. */
-  jointDoubt() {
+  /** What most doubtful cloth hangs on, and the way to look at it; if all else is sure, whether nothing is doubtful. */
+  jointDoubt(/** @type {boolean} */ isSure) {
     const { doubt } = this.page.joints;
+    if (doubt === "") return isSure && make("p.note", "Nothing is doubtful.");
     return doubt && make("p.note.warn", `${doubt}: `, this.page.smallButton("joints"));
   }
 

@@ -92,7 +92,7 @@ export class Timeline {
   pictures(view, state, labelled) {
     return [
       labelled && make("span.labelled", ...labelled.map(picture)),
-      isFlattened(view) && thumbOf(view, state, "flat.png"),
+      isFlattened(view) && thumbOf(view, state, "flat.webp"),
     ];
   }
 

@@ -97,15 +97,7 @@ function fromAbove(sheet, rect, limit, arrows, /** @type {UV | null} */ turn = n
   context.fill();
   context.stroke();
   sheet.text("item", x, y, { ...MIDDLE, color: sheet.color.soft });
-  const cy = y + radius + 1.1 * sheet.em;
-  context.beginPath();
-  context.moveTo(x, cy - 6);
-  context.lineTo(x - 8, cy + 8);
-  context.lineTo(x + 8, cy + 8);
-  context.closePath();
-  context.fillStyle = sheet.color.text;
-  context.fill();
-  sheet.text("camera", x + 14, cy + 5, { color: sheet.color.soft, size: 0.85 });
+  sheet.text("▲ camera", x, y + radius + 1.1 * sheet.em, { ...MIDDLE, color: sheet.color.soft });
   if (turn) {
     context.beginPath();
     const [from, to] = turn;
@@ -303,19 +295,13 @@ export const PLANNING_STAGES = {
       const side = chosenSide(lesson);
       const edge = (/** @type {string} */ name) =>
         number(lesson.sides.find((s) => s.side === name)?.occluding_edge_mm, 0);
+      const sign = side.side === "right" ? 1 : -1;
+      const turn = side.a_0_deg === null ? null : ui.parameters.z_angle_limit_deg + sign * side.a_0_deg;
       return [
         ["Edges, left and right", `${edge("left")}, ${edge("right")} mm`],
         ["Side taken", lesson.side ?? "none left"],
         ["u_b, A_0", side.u_b_mm === null ? "–" : `${mm(side.u_b_mm, 0)}, ${degrees(side.a_0_deg)}`],
-        [
-          `A_w ${side.side === "right" ? "+" : "−"} A_0`,
-          degrees(
-            side.a_0_deg === null
-              ? null
-              : ui.parameters.z_angle_limit_deg + (side.side === "right" ? 1 : -1) * side.a_0_deg,
-            0,
-          ),
-        ],
+        [`A_w ${sign > 0 ? "+" : "−"} A_0`, degrees(turn, 0)],
         ["A, held to 10–50°", degrees(side.rotation_deg, 0)],
         ["Next view", lesson.next_view === null ? lesson.reason : viewName(lesson, lesson.next_view)],
       ];

@@ -16,12 +16,12 @@ def with_a_place(route):
     """Answer with the joints of the shape; a made-up garment has a place for the part of the first."""
     response = route.fetch()
     found = response.json()
-    if found["joints"]:
-        joint = found["joints"][0]
+    for joint in found["joints"][:1]:
         u, v = joint["ends_uv_m"][len(joint["ends_uv_m"]) // 2][0]
         cos, sin = math.cos(TURN_RAD), math.sin(TURN_RAD)
         motion = {"theta_rad": TURN_RAD, "u_m": u - cos * u + sin * v, "v_m": v - sin * u - cos * v}
-        joint["places"] = [{"by": "garment", "shape_from_part": motion, "probability": 0.01}]
+        place = {"by": "garment", "shape_from_part": motion, "probability": 0.01}
+        joint |= {"weak": True, "probability": 0.9, "places": [place]}
     route.fulfill(response=response, body=json.dumps(found))
 
 

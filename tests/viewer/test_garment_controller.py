@@ -113,7 +113,7 @@ class Page:
         self.executor = Executor(lambda job: job())
         self.garments, self.publish = service, self.told.set
         self.controller = GarmentController(cast("Any", self))
-        self.doubts = 0
+        self.doubts, self.picture = 0, None
 
     def draw_again(self) -> None:
         self.doubts += 1

@@ -13,7 +13,7 @@ from typing import Any
 
 from msgspec import structs
 
-from flatcloth.active.choosing import End, Next, Waiting
+from flatcloth.active.choosing import FIRST, End, Next, Waiting
 from flatcloth.active.eye import CameraEye
 from flatcloth.active.goal import Goal, Knowledge, parse_goal
 from flatcloth.active.incoming import SeenView, Taken
@@ -55,7 +55,9 @@ class PageLoop(ActiveLoop):
     def _after(self, number: int, told: list[str]) -> Taken:
         if self.page is None:
             return super()._after(number, told)
-        self.asked = Waiting(reason=f"View {number} is being placed; its proposal is decided on the page.")
+        reason = f"View {number} is being placed; its proposal is decided on the page."
+        asked = self.asked if isinstance(self.asked, Next) else FIRST
+        self.asked = Waiting(reason=reason, new_m2=asked.new_m2)
         self.page.propose_view(number)
         return Taken(number=number, told=tuple(told))
 

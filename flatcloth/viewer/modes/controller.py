@@ -191,12 +191,7 @@ class PageController(ABC):
         known, other = self.garments.known(picture.document), picture.other
         return [*garment_points(known), *other_points(known, None if other is None else other.sides)]
 
-    def propose_pick(
-        self,
-        place: tuple[float, ...],
-        name: str = "",
-        revision: int | None = None,
-    ) -> int:
+    def propose_pick(self, place: tuple[float, ...], name: str = "", revision: int | None = None) -> int:
         """Add a pick of a program and return its number, when it is stored; from any other thread.
 
         ``place`` is (u, v) on the plane of the shape, or (x, y, z) in the object frame, metres.

@@ -80,11 +80,12 @@ class GarmentController:
         return self._known is not None and self._answered != self._shown
 
     def _take(self, made: tuple[KnownGarment, FoundGarment] | str) -> None:
-        """Know a garment; the deviations of its places change when no known kind fits, or one does again."""
+        """Know a garment; deviations depend on it, and floating pieces keep clear of its outline."""
         self._answered = self._asked
         self._know(*((None, made) if isinstance(made, str) else (made, "")))
         doubt = 0.0 if self._known is None else self._known.doubt
-        if doubt != self._doubt:
+        sheet = None if self._page.picture is None else self._page.picture.sheet
+        if doubt != self._doubt or (sheet and not sheet.is_clear_of(self._page.garments.edge_m)):
             self._doubt = doubt
             self._page.draw_again()
         self._page.publish()

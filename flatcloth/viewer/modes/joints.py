@@ -17,6 +17,7 @@ from flatcloth.garments.deciding import decided_part, pixels_of_part, placed_by_
 from flatcloth.grasping.visibility import Visibility
 from flatcloth.session.document import Document
 from flatcloth.session.garment import DecideLink
+from flatcloth.shape.joints import NEGLIGIBLE
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.answers import HeldByView, JointInfo, JointsInfo
@@ -92,7 +93,7 @@ class JointService:
                 JointInfo(
                     area_cm2=1e4 * own.area_m2,
                     evidence=joint.evidence,
-                    weak=joint.probability < 1.0,
+                    weak=joint.share * (1.0 - joint.probability) > NEGLIGIBLE,
                     probability=joint.probability,
                     kept=joint.is_kept,
                     outline_uv_m=outline_of(own),

@@ -20,8 +20,7 @@ from flatcloth.engine.result import Areas, Result, expected_next_m2, result_of
 from flatcloth.export.history import FLAGS, SUSPECT, Flags, overridden, read_history
 from flatcloth.flattening.surface import item_mask
 from flatcloth.methods.answers import ZAngleLine
-from flatcloth.rendering import layers
-from flatcloth.rendering.pictures import jpeg_thumbnail, picture_thumbnail
+from flatcloth.rendering.pictures import jpeg_thumbnail, picture_thumbnail, webp
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.kept import keep_summary
 from flatcloth.shape.pieces import TWICE_M
@@ -54,7 +53,7 @@ class ReviewService:
         """Return the routes of this service."""
         return [
             http.get("/review/{view:int}/color.jpg", self._color, "image/jpeg", kept=http.DAY),
-            http.get("/review/{view:int}/flat.png", self._flat, kept=http.DAY),
+            http.get("/review/{view:int}/flat.webp", self._flat, "image/webp", kept=http.DAY),
             http.get("/review/result.json", lambda _: self._result()),
         ]
 
@@ -148,8 +147,8 @@ class ReviewService:
             try:
                 flattened = self._page.integration.views.part(view, 0)
             except FlatclothError:
-                return layers.png(picture_thumbnail(None))
-            return layers.png(picture_thumbnail(flattened))
+                return webp(picture_thumbnail(None))
+            return webp(picture_thumbnail(flattened))
 
         return self._thumb(request, "flat", make)
 

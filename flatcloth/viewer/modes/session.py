@@ -620,4 +620,6 @@ class SessionWork:
         return is_of_one_view(document) and self._page.integration.views.sides is None
 
     def _drawn(self, document: Document) -> Picture:
-        return make_picture(self._page.integration, document, self._made, self._page.other.laid(document))
+        page = self._page
+        laid, edge_m = page.other.laid(document), page.garments.edge_m
+        return make_picture(page.integration, document, self._made, laid, edge_m)

@@ -159,7 +159,7 @@ class HeldByView(Sent, frozen=True):
 class JointInfo(Sent, frozen=True):
     """Where a part of the shape is joined to the rest, and what holds it.
 
-    ``evidence`` is that of the pairs across, ``probability`` that the joint is right; ``weak``: in doubt.
+    ``evidence`` is that of the pairs across, ``probability`` that it is right; ``weak``: much may be wrong.
     ``ends_uv_m`` are the ends of pairs, that of the part first, with their lengths along the cloth.
     """
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -149,18 +150,19 @@ def make_picture(
     document: Document,
     previous: Picture | None,
     laid: Sequence[LaidPiece] = (),
+    edge_m: float = -math.inf,
 ) -> Picture:
     """Compute the picture of a document with a start view; revisions continue from ``previous``.
 
     The shape is laid out on a sheet with its floating pieces; the proposal is laid on the sheet; the cloud
-    is that of the present view; ``laid`` are pieces that seams join to the shape. What has not changed
-    since ``previous`` is taken from it.
+    is that of the present view; ``laid`` are pieces that seams join to the shape; floating ones keep clear of
+    what ends at u ``edge_m``. What has not changed since ``previous`` is taken from it.
     """
     present = document.present_view
     assert present is not None
     angles_deg = integration.recording.angles_deg
     drawn = None if previous is None else previous.sheet
-    sheet = sheet_of(integration.canonical(document), document, laid, drawn)
+    sheet = sheet_of(integration.canonical(document), document, laid, drawn, edge_m)
     if sheet is not drawn and (truth := truth_of(integration.recording)) is not None:
         sheet = replace(sheet, view=truth.with_errors(sheet.view, sheet.piece))
     same = previous if previous is not None and previous.sheet is sheet else None

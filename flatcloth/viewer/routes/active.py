@@ -48,10 +48,7 @@ def active_routes(
             return await answered(lambda: service.look(posted.angle_deg, posted.number, rotation_deg))
         return await answered(lambda: service.take(seen, posted.number, rotation_deg))
 
-    return [
-        Route("/robot/next", following),
-        Route("/robot/view", view, methods=["POST"]),
-    ]
+    return [Route("/robot/next", following), Route("/robot/view", view, methods=["POST"])]
 
 
 def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]]:

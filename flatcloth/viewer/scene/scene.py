@@ -30,8 +30,8 @@ from flatcloth.viewer.scene.private_viser import PrivateViser
 
 MOST_POINTS = 60_000
 """More points are thinned. Chosen for the browser's speed."""
-_HIGHLIGHT = np.array([255, 140, 0], dtype=np.float64)
-"""Color of what is pointed at. Chosen."""
+_HIGHLIGHT = np.array([30, 130, 255], dtype=np.float64)
+"""Color of what a proposal adds. Chosen: the page's accent, as amber is for doubt."""
 _BESIDE_M = 0.006
 """Points nearer than this are of the same cloth. Chosen: some pixels of the shape, and its noise."""
 _GREY = 150.0
