@@ -42,8 +42,7 @@ _TRUTH_UNITS_PER_M, _TRUTH_OFFSET_M, _TRUTH_OUTER = 20000.0, 1.5, 16
 
 def load_open3d() -> Any:
     """Return the module ``open3d``; raises ``SynthesisError`` if it, or a library it needs, is missing."""
-    packages = "'flatcloth[synthesis]', and install the system library named here."
-    return load_with_libusb("open3d", SynthesisError, "Rendering needs Open3D", packages)
+    return load_with_libusb("open3d", SynthesisError, "Rendering needs Open3D", "'flatcloth[synthesis]'")
 
 
 @dataclass(frozen=True, kw_only=True)

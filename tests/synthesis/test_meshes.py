@@ -344,5 +344,5 @@ def test_faces_without_area_count_too(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_open3d_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "open3d", None)
-    with pytest.raises(SynthesisError, match="Rendering needs Open3D"):
+    with pytest.raises(SynthesisError, match=r"needs Open3D, .* not installed. Run: pip install 'flatcloth"):
         load_open3d()

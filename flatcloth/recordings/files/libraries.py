@@ -37,8 +37,10 @@ def load_with_libusb(name: str, kind: type[FlatclothError], need: str, packages:
 
                 ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
         return importlib.import_module(name)
-    except (ImportError, OSError) as error:
-        raise kind(f"{need}, which cannot be loaded ({error}). Run: pip install {packages}") from error
+    except ModuleNotFoundError as error:
+        raise kind(f"{need}, which is not installed. Run: pip install {packages}") from error
+    except (ImportError, OSError) as error:  # the text names what a library of the system is missing
+        raise kind(f"{need}, which cannot be loaded ({error}). Install what it misses.") from error
 
 
 def load_realsense() -> Any:
