@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flatcloth.checking.color import Shown, color_findings, odds_of, pairing_findings, reduced
-from flatcloth.checking.comparison import WIDE_DEG, Comparison, Reading, findings_of
+from flatcloth.checking.comparison import Comparison, Reading, findings_of
 from flatcloth.checking.findings import MOST_SURE, Check, Finding
 from flatcloth.checking.hypotheses import (
     MOST_TILT_DEG,
@@ -181,11 +181,9 @@ def _unjudged(angles_deg: Sequence[float]) -> str:
 
 def _turning(comparison: Comparison) -> list[Finding]:
     """Return what is wrong with the turning, the rotation of the images, the axis and the focal length."""
-    step, angles = comparison.recorded.step_deg, comparison.recorded.angles_deg.values()
-    is_one_turn = max(angles, default=0.0) - min(angles, default=0.0) <= 360.0
-    if len(comparison.best_moves()) < _LEAST_PAIRS or (step >= WIDE_DEG and is_one_turn):
-        return []  # so far apart, smooth cloth agrees best where it does not turn
-    if step > _MOST_STEP_DEG:
+    if len(comparison.best_moves()) < _LEAST_PAIRS:
+        return []
+    if comparison.recorded.step_deg > _MOST_STEP_DEG:
         return findings_of(comparison, [turnings], [])
     return findings_of(comparison, [turnings, axes, focal_lengths, slips], [sideways, orders])
 

@@ -10,7 +10,16 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from flatcloth.checking.comparison import MISTAKE, Comparison, Hypothesis, Link, Reading, mends_of, wide_links
+from flatcloth.checking.comparison import (
+    MISTAKE,
+    WIDE_DEG,
+    Comparison,
+    Hypothesis,
+    Link,
+    Reading,
+    mends_of,
+    wide_links,
+)
 from flatcloth.checking.findings import CERTAIN
 from flatcloth.checking.lens import adjusted
 from flatcloth.checking.turns import (
@@ -70,7 +79,7 @@ _LEAST_SHARE = 0.35
 
 
 def turnings(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothesis]:
-    """Yield the other sense, no turn, and another factor."""
+    """Yield the other sense; no turn and another factor, unless views of one turn are too far apart."""
     recorded, views = comparison.recorded, list(comparison.views.values())
     upper_m, lower_m = held_ends(views, recorded.axis.direction)
     down = 1.0 / (1.0 + (max(lower_m, 1e-4) / max(upper_m, 1e-4)) ** _STEADY)
@@ -82,6 +91,8 @@ def turnings(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothesis]:
     else:
         yield _turning(comparison, replace(recorded, factor=-1.0))
     step = recorded.step_deg
+    if step >= WIDE_DEG and np.ptp(list(recorded.angles_deg.values())) <= 360.0:
+        return  # smooth cloth that turns so far agrees best where it does not turn
     text = f"The item does not turn: neighbouring views are the same, not {step:.3g} degrees apart"
     yield Hypothesis(reading=replace(recorded, factor=0.0), says=(("still", text),), mends=())
     factor, std = estimated(comparison)

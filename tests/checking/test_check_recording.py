@@ -5,6 +5,7 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+from scenes import Cylinder
 
 from flatcloth.checking.check import check_recording
 from flatcloth.core.errors import RecordingError
@@ -111,6 +112,12 @@ def test_an_item_that_does_not_turn_is_named_and_nothing_mends_it(right):
 def test_a_recording_of_one_view_has_nothing_to_be_compared(right):
     alone = altered(right, angles_deg=right.angles_deg[:1])
     assert check_recording(alone).unjudged == "fewer than two views show a surface of the item"
+
+
+@pytest.mark.parametrize("views", [5, 6, 9])
+def test_few_views_of_smooth_cloth_do_not_seem_to_stand_still(views):
+    tube = Cylinder(angles_deg=tuple(360.0 / views * n for n in range(views)), span_deg=(-180.0, 180.0))
+    assert {finding.name for finding in check_recording(tube).findings} <= {"coverage"}
 
 
 def test_inverted_masks_are_inverted_again(right):
