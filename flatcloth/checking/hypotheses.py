@@ -292,14 +292,12 @@ def focal_lengths(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothe
     sure = math.erf((abs(log) - 0.5 * _LEAST_FOCAL) / std / math.sqrt(2.0))
     mends = (mends_of(reading, recorded),)
     seen = seen_axis(list(comparison.best_moves().values()), recorded.axis)
-    for axis in (
-        recorded.axis,
-        *([] if seen is None else [seen.axis]),
-    ):  # the wrong length moves the seen axis
+    # A wrong length moves the axis that is seen: it may be the recorded one all the same.
+    for axis in [recorded.axis] if seen is None else [recorded.axis, seen.axis]:
         off, off_std = adjusted(views, pairs, axis, held_m)
         if abs(off) < _LEAST_FOCAL:
             continue
-        # The adjustment has the same unknowns, with the same errors, and states the likelihood itself.
+        # The adjustment has the same errors as unknowns, and so knows how likely the length is.
         prior, there = MISTAKE + 0.5 * (off / off_std) ** 2, replace(reading, axis=axis)
         yield Hypothesis(reading=there, says=(("focal", text),), log_prior=prior, sure=sure, mends=mends)
 
