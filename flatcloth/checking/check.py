@@ -53,7 +53,8 @@ _MOST_STEP_DEG = 15.0
 """With larger steps a contradiction means nothing: a registration finds the turn from a start within about
 this. Measured: of the 34 recordings every second to fourth view seem to contradict each other in four."""
 _LEAST_PAIRS = 3
-"""Fewer neighbours show nothing: two of a smooth item seem not to turn at all. Chosen."""
+"""The turning is judged by at least so many pairs of neighbours: fewer pairs of a smooth item fit unturned,
+too. Chosen."""
 _THREADS = 2
 """Views read at a time. Chosen for two cores."""
 

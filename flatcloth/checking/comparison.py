@@ -34,7 +34,7 @@ from flatcloth.registration.view_features import ViewFeatures
 RIGHT = math.log(0.9)
 """Logarithm of the probability that a recording is right, before it is looked at. Chosen."""
 MISTAKE = math.log(0.1 / 8)
-"""That of one kind of mistake. By definition: there are about eight."""
+"""The same for one kind of mistake; there are about eight. By definition."""
 _WRONG_MATCH = 0.2
 """Chance that two views are matched wrongly. Chosen: on the 34 recordings it was one in a hundred; smooth
 cloth has more."""
@@ -124,7 +124,7 @@ class Comparison:
         self._fits = dict[tuple[object, ...], list[tuple[float, float, float]]]()
 
     def seen(self, link: Link) -> tuple[ViewFeatures, ViewFeatures]:
-        """Return two views."""
+        """Return the two views of a link."""
         return self.views[link[0]], self.views[link[1]]
 
     def moves(self, link: Link, turn_deg: float) -> list[Move]:
@@ -197,7 +197,7 @@ class Comparison:
     def _fits_of(
         self, link: Link, turn_deg: float, reading: Reading, moves: Sequence[Move]
     ) -> Iterator[tuple[float, float, float]]:
-        """Yield by how much motions are off, squared, the log odds of that, and the share that agrees."""
+        """Yield of each motion its squared deviation from the predicted one, its log odds, and its share."""
         expected = object_from_camera(reading.axis, turn_deg).inverse()
         center_m, held_m = self.views[link[0]].middle_m, self.held_m(reading.axis)
         by = at_center(jacobians_of(reading.axis, held_m, [0.0, turn_deg]), center_m)

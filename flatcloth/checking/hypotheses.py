@@ -38,13 +38,13 @@ from flatcloth.registration.pose_prior import PosePrior
 from flatcloth.registration.view_features import ViewFeatures
 
 _SURE_STDS = 3.0
-"""A factor nearer to 1 than so many deviations is none. Chosen."""
+"""Angles count as right if their factor is within this many deviations of 1. Chosen."""
 _LEAST_CHANGE = 0.08
-"""A factor nearer to 1 is left to the registration: at 10 degrees it is below a degree a step. Chosen."""
+"""So is a smaller logarithm of the factor, which the registration mends: less than a degree in 10. Chosen."""
 _SAME_FACTOR = 0.03
 """A factor that is nearer to the true one mends the angles: the registration does the rest. Chosen."""
 _WIDE_DEG = 36.0
-"""Views are compared for a factor that turn by up to this. Chosen: farther, they share too little cloth."""
+"""A factor is estimated from views up to this far apart; others share too little cloth. Chosen."""
 _LEAST_STD, _MOST_STD = 0.01, 0.1
 """Least deviation of a factor from pairs (measured: those of the 34 recordings are 0 to 3 % short); pairs
 that scatter more show none (chosen: wrong matches scatter by a multiple)."""
@@ -57,7 +57,7 @@ _LEAST_PAIRS = 6
 _MOST_AXIS_M = 4.0 * PosePrior().axis_stds_m[-1]
 """An axis that is farther off than four of the largest errors that the registration mends is wrong."""
 MOST_TILT_DEG = 45.0
-"""If it is tilted more, the images are on their side. By definition."""
+"""If the axis is tilted by more than this, the images are on their side. By definition."""
 _LEAST_FOCAL = 0.12
 """A smaller logarithm of a focal length is not told: twice the largest error on the 34 recordings."""
 _MOST_FOCAL_STD = 0.05
@@ -72,7 +72,8 @@ _MOST_SINGLE = 0.25
 _LINKS = 6
 """A wrong angle contradicts at most so many pairs: two neighbours by angle, in time, and wide ones each."""
 _LEAST_SHARE = 0.35
-"""Pairs of which a smaller share agrees show nothing. Measured: at least 0.46 on the 34 recordings."""
+"""If less of the surface of neighbours agrees, no order is looked for. Measured: at least 0.46 on the 34
+recordings."""
 
 
 # --- all turns ------------------------------------------------------------------------------------
