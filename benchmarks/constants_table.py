@@ -38,8 +38,8 @@ KEPT_FOR = {
         "_USUAL_TILT", "thinned()",
     ),
     "finds wrong poses and turns (`python -m benchmarks mistakes`)": ("_LOOK", "_LEAST_POINTS"),
-    "serves an operator: points placed by hand, strokes (docs/tried.md)": (
-        "HELD_STD_M", "LEAST_AREA_M2",
+    "serves an operator: points placed by hand, strokes (docs/tried.md), the next view": (
+        "HELD_STD_M", "LEAST_AREA_M2", "_EXPLORED_DEG", "_NOVEL_TURN_DEG",
     ),
     "concerns false links, which these recordings do not have (`python -m benchmarks accuracy`)": (
         "WEAK_EVIDENCE", "LEAST_CORE", "LEAST_EVIDENCE", "MOST_CUT_EVIDENCE", "MOST_CONTRADICTION",

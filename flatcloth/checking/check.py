@@ -52,9 +52,6 @@ _EXTENT_SHARE = EXTENT_M / 0.9
 _MOST_STEP_DEG = 15.0
 """With larger steps a contradiction means nothing: a registration finds the turn from a start within about
 this. Measured: of the 34 recordings every second to fourth view seem to contradict each other in four."""
-_LEAST_PAIRS = 3
-"""The turning is judged by at least so many pairs of neighbours: fewer pairs of a smooth item fit unturned,
-too. Chosen."""
 _THREADS = 2
 """Views read at a time. Chosen for two cores."""
 
@@ -151,7 +148,8 @@ def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
     recorded = Reading(
         angles_deg={view.view_index: view.angle_deg for view in views}, axis=axis or _vertical(views)
     )
-    comparison = Comparison(views, recorded, recording.held_point_m)
+    shown = {one.look.view_index: one.shown for one in captured}
+    comparison = Comparison(views, shown, recorded, recording.held_point_m)
     seen_at = None if axis else seen_axis(list(comparison.best_moves().values()), recorded.axis)
     if seen_at is not None and seen_at.tilt_deg < MOST_TILT_DEG:
         recorded = comparison.recorded = replace(recorded, axis=seen_at.axis)
@@ -182,8 +180,6 @@ def _unjudged(angles_deg: Sequence[float]) -> str:
 
 def _turning(comparison: Comparison) -> list[Finding]:
     """Return what is wrong with the turning, the rotation of the images, the axis and the focal length."""
-    if len(comparison.best_moves()) < _LEAST_PAIRS:
-        return []
     if comparison.recorded.step_deg > _MOST_STEP_DEG:
         return findings_of(comparison, [turnings], [])
     return findings_of(comparison, [turnings, axes, focal_lengths, slips], [sideways, orders])

@@ -37,6 +37,9 @@ _SHIFT_STD_PX, _SCALE_STD = 1.5, 0.015
 _LEAST_ALIKE = 0.6
 """Color that lies worse on depth does not show the outline. Chosen: on the 34 recordings it is 0.95."""
 
+_SAME_COLOR = 16
+"""Values that differ by more are another color. Chosen: noise of reduced images is smaller."""
+
 
 Shown = tuple[Float32, Uint8]
 """The item (h, w) of a reduced view, as the share of each pixel, and its color (h, w, 3)."""
@@ -51,6 +54,15 @@ def reduced(frame: RgbdFrame, item: Bool) -> Shown:
         cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         for image in (item.astype(np.float32), frame.color)
     )
+
+
+def share_unchanged(one: Shown, other: Shown) -> float:
+    """Return the share of the item in both of two reduced views that has the same color, but for exposure."""
+    both = (one[0] == 1.0) & (other[0] == 1.0)
+    if not both.any():
+        return 1.0
+    change = one[1][both].astype(np.int16) - other[1][both]
+    return float((np.abs(change - np.median(change, axis=0)).max(axis=1) <= _SAME_COLOR).mean())
 
 
 def odds_of(shown: Sequence[Shown]) -> tuple[Float32, Float32]:

@@ -10,9 +10,11 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from flatcloth.checking.color import share_unchanged
 from flatcloth.checking.comparison import (
+    LEAST_SHARE,
     MISTAKE,
-    WIDE_DEG,
+    PATCHES,
     Comparison,
     Hypothesis,
     Link,
@@ -23,12 +25,14 @@ from flatcloth.checking.comparison import (
 from flatcloth.checking.findings import CERTAIN
 from flatcloth.checking.lens import adjusted
 from flatcloth.checking.turns import (
+    BLIND_DEG,
     LOOSE_DEG,
     NEAR_DEG,
     Move,
     is_near,
     moves_between,
     share_at,
+    shows_turn,
 )
 from flatcloth.checking.units import ANGLES, allowed
 from flatcloth.core.geometry import wrapped_deg
@@ -71,16 +75,13 @@ _MOST_SINGLE = 0.25
 """Beyond this share of the views the order is wrong, not single ones. Chosen."""
 _LINKS = 6
 """A wrong angle contradicts at most so many pairs: two neighbours by angle, in time, and wide ones each."""
-_LEAST_SHARE = 0.35
-"""If less of the surface of neighbours agrees, no order is looked for. Measured: at least 0.46 on the 34
-recordings."""
 
 
 # --- all turns ------------------------------------------------------------------------------------
 
 
 def turnings(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothesis]:
-    """Yield the other sense; no turn and another factor, unless views of one turn are too far apart."""
+    """Yield the other sense, no turn, and another factor."""
     recorded, views = comparison.recorded, list(comparison.views.values())
     upper_m, lower_m = held_ends(views, recorded.axis.direction)
     down = 1.0 / (1.0 + (max(lower_m, 1e-4) / max(upper_m, 1e-4)) ** _STEADY)
@@ -91,11 +92,12 @@ def turnings(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothesis]:
         )
     else:
         yield _turning(comparison, replace(recorded, factor=-1.0))
-    step = recorded.step_deg
-    if step >= WIDE_DEG and np.ptp(list(recorded.angles_deg.values())) <= 360.0:
-        return  # smooth cloth that turns so far agrees best where it does not turn
+    step, shown = recorded.step_deg, comparison.shown
     text = f"The item does not turn: neighbouring views are the same, not {step:.3g} degrees apart"
-    yield Hypothesis(reading=replace(recorded, factor=0.0), says=(("still", text),), mends=())
+    # Colors tell smooth cloth that turns from cloth that hangs still; nothing is known of those it turns to.
+    log_color = -PATCHES * sum(1.0 - share_unchanged(shown[a], shown[b]) for a, b in recorded.neighbours)
+    still = replace(recorded, factor=0.0)
+    yield Hypothesis(reading=still, says=(("still", text),), log_prior=MISTAKE + log_color, mends=())
     factor, std = estimated(comparison)
     if std < _MOST_STD:
         if abs(math.log(abs(factor))) > max(_LEAST_CHANGE, _SURE_STDS * std):
@@ -135,7 +137,10 @@ def estimated(comparison: Comparison) -> tuple[float, float]:
     angles = np.array([view.angle_deg for view in views])
     every, ratios = 1, _ratios(comparison, comparison.best_moves())
     neighbours = factor = _middle(ratios)
-    while factor and (further := max(every + 1, int(1.5 * every))) < len(views) // 2:
+    step_deg = comparison.recorded.step_deg  # if it is no start of motions, they are found near blind ones
+    if not 0.0 < abs(factor) * step_deg <= (_WIDE_DEG if shows_turn(step_deg) else max(BLIND_DEG)):
+        return 1.0, math.inf
+    while (further := max(every + 1, int(1.5 * every))) < len(views) // 2:
         turned = factor * (angles[further:] - angles[:-further])
         if np.median(np.abs(turned)) > _WIDE_DEG:
             break
@@ -148,8 +153,6 @@ def estimated(comparison: Comparison) -> tuple[float, float]:
             break
         every, ratios = further, _ratios(comparison, wide)
         factor = _middle(ratios)
-    if not factor:
-        return 1.0, math.inf
     scatter = 1.4826 * float(np.median(np.abs(ratios[0] / factor - 1.0)))
     moved = _BIAS * (factor / neighbours - 1.0)
     std = math.hypot(scatter / math.sqrt(len(ratios[0]) / every), moved, _LEAST_STD)
@@ -256,8 +259,7 @@ def seen_axis(moves: Sequence[Move], axis: RotationAxis) -> SeenAxis | None:
 def axes(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothesis]:
     """Yield another axis, if the seen one is farther off than the registration mends, and more swinging."""
     recorded, moves = comparison.recorded, list(comparison.best_moves().values())
-    seen = seen_axis(moves, recorded.axis)
-    if seen is None:
+    if (seen := seen_axis(moves, recorded.axis)) is None:
         return
     far = (seen.off_m - _MOST_AXIS_M) / max(seen.off_std_m, 1e-4)
     tilted = (seen.tilt_deg - math.degrees(_MOST_AXIS_M / EXTENT_M)) / max(seen.tilt_std_deg, 0.1)
@@ -267,11 +269,11 @@ def axes(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothesis]:
             text = f"The item turns about an axis {seen.tilt_deg:.0f} degrees from the recorded one"
         sure = math.erf(max(far, tilted) / math.sqrt(2.0))
         yield Hypothesis(reading=replace(recorded, axis=seen.axis), says=(("axis", text),), sure=sure)
-    if seen.swing_deg > recorded.swing_deg and len(moves) >= _LEAST_PAIRS:
+    if seen.swing_deg > recorded.careless.swing_stds_deg[-1] and len(moves) >= _LEAST_PAIRS:
         text = f"The item swings by {seen.swing_deg:.1f} degrees from view to view: let it hang still"
-        yield Hypothesis(
-            reading=replace(recorded, swing_deg=seen.swing_deg), says=(("sway", text),), mends=()
-        )
+        swings_deg = *recorded.careless.swing_stds_deg, seen.swing_deg
+        careless = replace(recorded.careless, swing_stds_deg=swings_deg)
+        yield Hypothesis(reading=replace(recorded, careless=careless), says=(("sway", text),), mends=())
 
 
 def focal_lengths(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothesis]:
@@ -357,7 +359,7 @@ def orders(comparison: Comparison, base: Hypothesis) -> Iterator[Hypothesis]:
     if numbered != at:
         yield _changed(base, replace(reading, angles_deg=numbered), says)
     share = float(np.median([move.share for move in comparison.best_moves().values()]))
-    if share < _LEAST_SHARE:
+    if share < LEAST_SHARE:
         text = (
             f"Neighbouring views do not show the same surface, only {share:.0%} of it agrees: the item "
             "swings or was touched, or the views are mixed up"

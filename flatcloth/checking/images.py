@@ -133,18 +133,12 @@ def mask_findings(looks: Sequence[ViewLook]) -> list[Finding]:
     worst = min(masked, key=lambda look: look.mask_share)
     most = float(np.median([look.masked for look in masked]))
     inverted = most > 0.5 and share < 0.5
-    text = f"Only {share:.0%} of the masks lies on the item" + (
-        ", they cover the background" if inverted else ""
-    )
-    return [
-        Finding(
-            name="masks",
-            text=text,
-            probability=1.0 - 0.01 * share / _ON_ITEM,
-            mends=(Mends(invert_masks=True),) if inverted else (Mends(without_masks=True),),
-            views=(worst.view_index, worst.view_index),
-        )
-    ]
+    text = f"Only {share:.0%} of the masks lies on the item"
+    text += ", they cover the background" if inverted else ""
+    mends = Mends(invert_masks=True) if inverted else Mends(without_masks=True)
+    probability = 1.0 - 0.01 * share / _ON_ITEM
+    views = worst.view_index, worst.view_index
+    return [Finding(name="masks", text=text, probability=probability, mends=(mends,), views=views)]
 
 
 def background_findings(looks: Sequence[ViewLook]) -> list[Finding]:

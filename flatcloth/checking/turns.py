@@ -45,7 +45,7 @@ NEAR_DEG = 4.0 * LOOSE_DEG
 _LEAST_TURN_DEG, _MOST_TURN_DEG = 0.5, 45.0
 """Views recorded nearer to each other show no turn; views farther apart share too little cloth. As for the
 axis; chosen."""
-_BLIND_DEG = (12.0, -12.0, 24.0, -24.0)
+BLIND_DEG = (12.0, -12.0, 24.0, -24.0)
 """Starts where the recorded turn is none, in addition to no turn. Chosen: each leads 12 degrees far."""
 
 
@@ -125,7 +125,7 @@ def free_moves(one: ViewFeatures, other: ViewFeatures, axis: RotationAxis, recor
     moves = moves_between(one, other, axis, (0.0,))
     if not moves or abs(moves[0].turn_deg(axis) - recorded_deg) > NEAR_DEG:
         seen = [move.turn_deg(axis) for move in moves]
-        further = (recorded_deg, -recorded_deg) if shows_turn(recorded_deg) else _BLIND_DEG
+        further = (recorded_deg, -recorded_deg) if shows_turn(recorded_deg) else BLIND_DEG
         starts = [s for s in further if all(abs(s - turn) > LOOSE_DEG for turn in seen)]
         moves += moves_between(one, other, axis, starts)
     return sorted(moves, key=lambda move: -move.share)

@@ -302,16 +302,14 @@ def _equations(
 ) -> _Equations:
     """Compare all pairs; the weights are Geman and McClure's, a quarter at a distance of ``scale_m``."""
     axis, center_m = state.axis, state.axis.point_m
-    spread = np.zeros(TERMS)
-    spread[0] = scale_m / 3.0  # compare's weight is a quarter at three times its spread
+    spread = np.eye(TERMS)[0] * scale_m / 3.0  # compare's weight is a quarter at three times its spread
     poses = [object_from_camera(axis, view.angle_deg) for view in views]
     by_axis = at_center(jacobians_of(axis, center_m, [v.angle_deg for v in views]), center_m)[..., OWN:]
     matrix, right, tally = np.zeros((5, 5)), np.zeros(5), np.zeros(3)
     level = (scale_m / _USUAL_TILT) ** 2
     matrix[2, 2] = matrix[3, 3] = level
     right[2:4] = [level * (UP @ way) for way in across(axis)]
-    contraction = np.zeros((7, 5))
-    contraction[6, 4] = 1.0
+    contraction = np.outer(np.eye(7)[6], np.eye(5)[4])
     for i, j in pairs:
         found = compare(
             views[i], views[j], poses[i], poses[j], center_m, state.fattening_px,

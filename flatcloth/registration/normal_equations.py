@@ -48,18 +48,19 @@ class Transforms(NamedTuple):
 class Limits(NamedTuple):
     """Which points are compared, and how differences are weighted.
 
-    Points farther than ``search_radius_m`` from the other surface, or whose normals differ by more
-    than the angle of ``same_normal_cos``, do not correspond. The weight grows with the cosine of
-    incidence from 0 at ``least_facing_cos`` to 1 at ``full_facing_cos``. ``spread`` (4,) are the
-    typical differences (0: the term is left out). Every ``every``-th point is compared. Blocks of
-    the image are ``1 / blocks_per_px`` wide, ``block_cols`` in a row. ``of_focal``: the seventh unknown is
-    the logarithm of the focal length in place of the fattening.
+    Points farther than ``search_radius_m`` from the other surface, or whose normals differ by more than the
+    angle of ``same_normal_cos``, do not correspond. The weight grows with the cosine of incidence from 0 at
+    ``least_facing_cos`` to 1 at ``full_facing_cos``; from ``shown_facing_cos`` on a view shows the surface.
+    ``spread`` (4,) are the typical differences (0: the term is left out). Every ``every``-th point counts.
+    Blocks are ``1 / blocks_per_px`` wide, ``block_cols`` in a row. ``of_focal``: the seventh unknown is the
+    logarithm of the focal length in place of the fattening.
     """
 
     search_radius_m: float
     same_normal_cos: float
     least_facing_cos: float
     full_facing_cos: float
+    shown_facing_cos: float
     fattening_px: float
     spread: Float64
     every: int
@@ -72,9 +73,9 @@ class Sums(NamedTuple):
     """The sums to which both directions of a comparison add; see :class:`.view_features.Agreement`.
 
     ``products`` (3, 3) are those of the texture values (own, other, mixed); ``moments`` (4, 4) of the points
-    (x, 1). ``tally`` (3,) is the number of points that fall on the other image and face it, the sum of their
-    robust weights by distance, and of the squared distances with these weights. ``found`` (4, N) are the
-    absolute differences of each term, ``counts`` (2,) how many of the distance and of each channel there are.
+    (x, 1). ``tally`` (3,) is the number of points that the other view should show, the sum of their robust
+    weights by distance, and of the squared distances with these weights. ``found`` (4, N) are the absolute
+    differences of each term, ``counts`` (2,) how many of the distance and of each channel there are.
     """
 
     matrix: Float64
@@ -208,7 +209,7 @@ def accumulate(
         r_at, c_at = p[1] / p[2] * fy + cy, p[0] / p[2] * fx + cx
         if not (p[2] > 0.0 and 1.0 < r_at < rows - 2 and 1.0 < c_at < cols - 2):
             continue
-        if p[0] * m[0] + p[1] * m[1] + p[2] * m[2] < 0.0:  # what is turned away, the other view cannot show
+        if _facing(p[0], p[1], p[2], m, limits.shown_facing_cos, 1.0) > 0.0:
             sums.tally[0] += 1.0
         r, c = int(r_at + 0.5), int(c_at + 0.5)
         if not target.usable[r, c]:

@@ -161,8 +161,8 @@ class Agreement:
     differences, robust, NaN without any; ``likeness`` (3,) correlation of the texture; ``count``
     compared points (both directions), ``parts`` (B,) by block, ``inner`` off the outlines of both views;
     ``inertia`` (6, 6) the information about the motion if displacements were observed in all directions.
-    ``tally`` (3,): the points that fall on the other image and face it, the sum of their weights by
-    distance, and of the squared distances (m^2) with these weights.
+    ``tally`` (3,): the points that the other view should show, as they fall on its image and face it, the sum
+    of their weights by distance, and of the squared distances (m^2) with these weights.
     """
 
     matrix: Float64
@@ -351,6 +351,7 @@ def nothing_compared(one: ViewFeatures, other: ViewFeatures, every: int, gates: 
         same_normal_cos=gates.same_normal_cos,
         least_facing_cos=gates.least_facing_cos,
         full_facing_cos=gates.full_facing_cos,
+        shown_facing_cos=Gates().least_facing_cos,
         fattening_px=0.0,
         spread=np.zeros(TERMS),
         every=every,
