@@ -40,8 +40,8 @@ from flatcloth.engine.integration import Integration
 from flatcloth.export.session import SessionData, frames_of
 from flatcloth.methods.registry import method_name
 from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
-from flatcloth.recordings.manifest import HEADER as MANIFEST
-from flatcloth.recordings.manifest import has_views, read_manifest
+from flatcloth.recordings.folder import HEADER as MANIFEST
+from flatcloth.recordings.folder import open_folder
 from flatcloth.recordings.writer import DEPTH_SCALE_M, GrowingRecording, RecordingWriter, depth_units
 from flatcloth.session.document import Document
 from flatcloth.session.header import HEADER, kept_config, take_growth
@@ -224,15 +224,14 @@ class ActiveLoop:
         self._stack.callback(self._log.close)
         self._began_s, self._earlier_s = time.monotonic(), self._log.seconds
         self._log.add("begin", goal=str(self.goal), budget=str(self.budget), method=self._method)
-        if (folder / RECORDING / MANIFEST).exists() and has_views(folder / RECORDING):
-            manifest = read_manifest(folder / RECORDING)
+        begun = None
+        with contextlib.suppress(RecordingError):  # without a view, or damaged, which the writer reports
+            begun = open_folder(folder / RECORDING)
+        if begun is not None:
+            camera, unit_m = begun.intrinsics, begun.depth_scale_m
             self._begin(
                 RecordingWriter(
-                    manifest.folder,
-                    name=manifest.name,
-                    intrinsics=manifest.intrinsics,
-                    depth_scale_m=manifest.depth_scale_m,
-                    resume=True,
+                    begun.location, name=begun.name, intrinsics=camera, depth_scale_m=unit_m, resume=True
                 )
             )
             for number in range(self.views):

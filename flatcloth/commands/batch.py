@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flatcloth.commands.options import Engine as EngineOptions
-from flatcloth.commands.options import Method, Output, SourceInformation, option
+from flatcloth.commands.options import Method, Output, SourceInformation
 from flatcloth.commands.output import ProgressBar, announce, report, say
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.options import option
 
 if TYPE_CHECKING:
     from flatcloth.batch.drive import Count

@@ -8,9 +8,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.options import HandEye, Output, SourceInformation, number, option
+from flatcloth.commands.options import HandEye, Output, SourceInformation, number
 from flatcloth.commands.output import ProgressBar, report
 from flatcloth.core.errors import FlatclothError, GarmentError, os_errors_as
+from flatcloth.core.options import option
 from flatcloth.core.plain_files import check_replacing
 
 if TYPE_CHECKING:

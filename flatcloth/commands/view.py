@@ -22,11 +22,11 @@ from flatcloth.commands.options import (
     SimulatedCell,
     SourceInformation,
     excluded,
-    option,
     whole,
 )
 from flatcloth.commands.output import announce, say
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.options import option
 
 if TYPE_CHECKING:
     from flatcloth.active.service import Eye
@@ -185,7 +185,7 @@ def opened_camera(options: Options, serial: str) -> Opened:
 
     settings = CaptureSettings(
         folder=options.out or Path(f"recording-{datetime.now():%Y%m%d-%H%M%S}"),
-        step_deg=10.0 if options.step is None else options.step,
+        step_deg=options.source_options().step_deg or 10.0,
         frames=capture.FRAMES if options.frames is None else options.frames,
         resume=options.resume,
     )

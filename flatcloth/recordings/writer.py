@@ -26,8 +26,7 @@ from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Bool, Float32, Intrinsics, Progress, RotationAxis, Uint8, no_progress
 from flatcloth.recordings.base import Recording, fingerprint
 from flatcloth.recordings.film.angles import check_distinct
-from flatcloth.recordings.folder import open_folder
-from flatcloth.recordings.manifest import FORMAT, HEADER, RecordingHeader
+from flatcloth.recordings.folder import HEADER, HEADER_FORMAT, RecordingHeader, open_folder
 
 Uint16 = NDArray[np.uint16]
 
@@ -84,7 +83,7 @@ class RecordingWriter:
         self.folder = Path(folder)
         self._intrinsics = intrinsics
         self._header: dict[str, Any] = {
-            "format": FORMAT,
+            "format": HEADER_FORMAT,
             "name": name,
             "description": description,
             "intrinsics": {**asdict(intrinsics), "distortion_model": "none", "distortion": []},
@@ -227,7 +226,7 @@ class RecordingWriter:
                 f"{path}: not a recording that can be resumed ({error}). Choose another folder."
             ) from error
         camera, own = kept.intrinsics, self._header["intrinsics"]
-        same = header.get("format") == FORMAT and not any(camera.distortion)
+        same = header.get("format") == HEADER_FORMAT and not any(camera.distortion)
         same &= math.isclose(kept.depth_scale_m, self._header["depth_scale_m"], rel_tol=1e-6)
         names = ("width", "height", "fx", "fy", "cx", "cy")
         if not same or any(abs(getattr(camera, name) - own[name]) >= _SAME_CAMERA_PX for name in names):

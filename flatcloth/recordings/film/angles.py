@@ -13,6 +13,7 @@ import numpy as np
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64
 from flatcloth.recordings.files.text import read_rows, shortened, unused
+from flatcloth.recordings.options import SourceOptions
 
 ANGLES_FILE = "angles.csv"
 TOLERANCE_DEG = 0.01
@@ -62,77 +63,71 @@ class Shots:
         return [self.every.index(name) for name in self.names or () if self.every]
 
 
-@dataclass(frozen=True, kw_only=True)
-class GivenAngles:
-    """The user's information about the angles: a table, a step in degrees, or neither.
+def film_step_deg(options: SourceOptions, shots: Shots) -> float | None:
+    """Return the step between the stops of a film; None if the shots are views.
 
-    The angles of a table are multiplied by ``factor`` later; angles are the same if they are so then.
+    The shots are a film if they have times and there are many more of them than steps in a turn.
     """
+    step_deg = options.step_deg
+    if options.angles is not None or step_deg is None or shots.times_s is None:
+        return None
+    return step_deg if abs(step_deg) >= TOLERANCE_DEG and _is_film(shots, step_deg) else None
 
-    table: Path | None = None
-    step_deg: float | None = None
-    factor: float = 1.0
 
-    def film_step_deg(self, shots: Shots) -> float | None:
-        """Return the step between the stops of a film; None if the shots are views.
+def views_of(shots: Shots, options: SourceOptions, folder: Path | None = None) -> list[tuple[int, float]]:
+    """Return the views: the number of the shot, and its angle in degrees since the first view.
 
-        The shots are a film if they have times and there are many more of them than steps in a turn.
-        """
-        step_deg = self.step_deg
-        if self.table is not None or step_deg is None or shots.times_s is None:
-            return None
-        return step_deg if abs(step_deg) >= TOLERANCE_DEG and _is_film(shots, step_deg) else None
+    Parameters
+    ----------
+    shots : Shots
+        The shots; a table may leave some of them out.
+    options : SourceOptions
+        A table of angles, or a step. If the angles are multiplied, they are the same if they are so then.
+    folder : Path, optional
+        Folder in which ``angles.csv`` is searched if no angles were given.
 
-    def views(self, shots: Shots, folder: Path | None = None) -> list[tuple[int, float]]:
-        """Return the views: the number of the shot, and its angle in degrees since the first view.
+    Raises
+    ------
+    RecordingError
+        If there are no angles, or they do not match the shots.
+    """
+    step_deg = options.step_deg
+    if options.angles is not None and step_deg is not None:
+        raise RecordingError(f"{options.angles}: given together with --step. Give only one of them.")
+    table = _table(options, folder)
+    if table is not None:
+        return _from_table(table, shots, 1.0 if options.mends is None else options.mends.angle_factor)
+    if step_deg is None:
+        raise RecordingError(
+            f"{shots.source}: the angles of its {shots.count} views are not known. "
+            "Give --step DEG, or --angles FILE.csv."
+        )
+    if not TOLERANCE_DEG <= abs(step_deg) <= 180:
+        raise RecordingError(f"--step {step_deg:g}: give 0.01 to 180 degrees from view to view.")
+    if _is_film(shots, step_deg):
+        turns = shots.count * abs(step_deg) / 360.0
+        raise RecordingError(
+            f"{shots.source}: its {shots.count} images make {turns:.1f} turns with --step {step_deg:g}. "
+            "If it is a film with stops, name one view for each stop: --angles FILE.csv."
+        )
+    turned = [(place - shots.places[0]) * step_deg for place in list(shots.places)[:MAX_VIEWS]]
+    # Images after a full turn repeat earlier angles.
+    return [(n, angle) for n, angle in enumerate(turned) if abs(angle) <= 360.0 - TOLERANCE_DEG]
 
-        Parameters
-        ----------
-        shots : Shots
-            The shots; a table may leave some of them out.
-        folder : Path, optional
-            Folder in which ``angles.csv`` is searched if no angles were given.
 
-        Raises
-        ------
-        RecordingError
-            If there are no angles, or they do not match the shots.
-        """
-        if self.table is not None and self.step_deg is not None:
-            raise RecordingError(f"{self.table}: given together with --step. Give only one of them.")
-        table = self._table(folder)
-        if table is not None:
-            return _from_table(table, shots, self.factor)
-        step_deg = self.step_deg
-        if step_deg is None:
-            raise RecordingError(
-                f"{shots.source}: the angles of its {shots.count} views are not known. "
-                "Give --step DEG, or --angles FILE.csv."
-            )
-        if not TOLERANCE_DEG <= abs(step_deg) <= 180:
-            raise RecordingError(f"--step {step_deg:g}: give 0.01 to 180 degrees from view to view.")
-        if _is_film(shots, step_deg):
-            turns = shots.count * abs(step_deg) / 360.0
-            raise RecordingError(
-                f"{shots.source}: its {shots.count} images make {turns:.1f} turns with --step {step_deg:g}. "
-                "If it is a film with stops, name one view for each stop: --angles FILE.csv."
-            )
-        turned = [(place - shots.places[0]) * step_deg for place in list(shots.places)[:MAX_VIEWS]]
-        # Images after a full turn repeat earlier angles.
-        return [(n, angle) for n, angle in enumerate(turned) if abs(angle) <= 360.0 - TOLERANCE_DEG]
+def notes_of(options: SourceOptions, folder: Path | None = None) -> list[str]:
+    """Return a note on the columns of the table that are not understood, if there are any."""
+    table = _table(options, folder)
+    if table is None or len(names := read_rows(table)[0][1]) < 2 or _is_number(names[-1]):
+        return []
+    return unused(table, [name for name in names if name.lower() not in (*_KEYS, "angle_deg")])
 
-    def notes(self, folder: Path | None = None) -> list[str]:
-        """Return a note on the columns of the table that are not understood, if there are any."""
-        table = self._table(folder)
-        if table is None or len(names := read_rows(table)[0][1]) < 2 or _is_number(names[-1]):
-            return []
-        return unused(table, [name for name in names if name.lower() not in (*_KEYS, "angle_deg")])
 
-    def _table(self, folder: Path | None) -> Path | None:
-        if self.table is not None:
-            return self.table.expanduser()
-        own = None if folder is None or self.step_deg is not None else folder / ANGLES_FILE
-        return own if own is not None and own.is_file() else None
+def _table(options: SourceOptions, folder: Path | None) -> Path | None:
+    if options.angles is not None:
+        return options.angles.expanduser()
+    own = None if folder is None or options.step_deg is not None else folder / ANGLES_FILE
+    return own if own is not None and own.is_file() else None
 
 
 def pair_by_time(

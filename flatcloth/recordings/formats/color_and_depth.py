@@ -9,7 +9,8 @@ from flatcloth.recordings.base import Recording
 from flatcloth.recordings.files.text import inside
 from flatcloth.recordings.formats.image_pairs import recording_of
 from flatcloth.recordings.formats.naming import in_order, partners, without_partner
-from flatcloth.recordings.source import Format, SourceOptions
+from flatcloth.recordings.options import SourceOptions
+from flatcloth.recordings.source import Format
 
 UNITS_PER_M = 1000.0
 """Default of the layout: millimetres, as Open3D's."""

@@ -8,13 +8,12 @@ from pathlib import Path
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.files.images import turned_by_exif
 from flatcloth.recordings.files.text import one_line
-from flatcloth.recordings.film.angles import Shots, left_out
+from flatcloth.recordings.film.angles import Shots, left_out, notes_of
 from flatcloth.recordings.film.recording import views_or_film
-from flatcloth.recordings.folder import image_recording
+from flatcloth.recordings.folder import ImageRecording, ViewFiles
 from flatcloth.recordings.formats.camera_file import read_camera
 from flatcloth.recordings.formats.naming import slots
-from flatcloth.recordings.manifest import Manifest, ViewFiles
-from flatcloth.recordings.source import SourceOptions
+from flatcloth.recordings.options import SourceOptions
 
 
 def recording_of(
@@ -68,26 +67,20 @@ def recording_of(
         views = tuple(
             ViewFiles(angle_deg=angle, **dict(zip(kinds, pairs[n], strict=False))) for n, angle in chosen
         )
-        return image_recording(
-            Manifest(
-                folder=folder,
-                name=one_line(name or folder.name) or "recording",
-                description=description,
-                notes=(
-                    *camera.notes,
-                    *notes,
-                    *turned_by_exif(pairs[0][0]),
-                    *options.given_angles.notes(folder),
-                    *left_out(shots, chosen),
-                ),
-                intrinsics=camera.intrinsics,
-                lens=camera.lens,
-                depth_scale_m=1.0 / (camera.units_per_m or units_per_m),
-                views=views,
-                any_depth=True,
-            )
+        told = [*camera.notes, *notes, *turned_by_exif(pairs[0][0])]
+        told += [*notes_of(options, folder), *left_out(shots, chosen)]
+        return ImageRecording(
+            name=one_line(name or folder.name) or "recording",
+            location=str(folder),
+            description=description,
+            notes=tuple(told),
+            intrinsics=camera.intrinsics,
+            lens=camera.lens,
+            depth_scale_m=1.0 / (camera.units_per_m or units_per_m),
+            files=views,
+            any_depth=True,
         )
 
     if angles_deg is not None:
         return made(list(enumerate(angles_deg)))
-    return views_or_film(made, shots, options.given_angles, folder)
+    return views_or_film(made, shots, options, folder)

@@ -22,7 +22,8 @@ from flatcloth.recordings.files.images import read_header
 from flatcloth.recordings.film.angles import ANGLES_FILE
 from flatcloth.recordings.formats.camera_file import camera_files
 from flatcloth.recordings.formats.image_pairs import recording_of
-from flatcloth.recordings.source import OPTION_NAMES, Format, SourceOptions
+from flatcloth.recordings.options import OPTION_NAMES, SourceOptions
+from flatcloth.recordings.source import Format
 
 UNITS_PER_M = 1000.0
 """Depth of the data set: millimetres."""

@@ -13,7 +13,8 @@ from flatcloth.recordings.files.text import inside, read_rows, shortened
 from flatcloth.recordings.film.angles import pair_by_time
 from flatcloth.recordings.formats.image_pairs import recording_of
 from flatcloth.recordings.formats.naming import unit_of_time
-from flatcloth.recordings.source import Format, SourceOptions
+from flatcloth.recordings.options import SourceOptions
+from flatcloth.recordings.source import Format
 
 UNITS_PER_M = 5000.0
 """The TUM RGB-D format: 5000 is one metre."""
