@@ -23,6 +23,8 @@ from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import MIRROR, Float64
 from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.integration import Integration
+from flatcloth.export.garment import pick_at
+from flatcloth.export.outline import signed_area
 from flatcloth.garments.fit import APART_M, OUTLINE_STD_M
 from flatcloth.methods.answers import Candidate, Plan
 from flatcloth.methods.base import Method
@@ -288,8 +290,8 @@ def _shares(
         return {}
     shares = {}
     # The cloth of a point that was not seen is on a piece that floats, or elsewhere of what is missing.
-    canonical, (u, v) = known.canonical, known.found.outline_uv_m.T
-    missing_m2 = 0.5 * abs(float(u @ np.roll(v, -1) - v @ np.roll(u, -1))) - canonical.view.area_m2
+    canonical = known.canonical
+    missing_m2 = abs(signed_area(known.found.outline_uv_m)) - canonical.view.area_m2
     missing_m2 = max(missing_m2, sum(piece.area_m2 for piece in canonical.floating))
     on_floating = joined_m2 / max(missing_m2, float(joined_m2.max()), 1e-6)
     for name in knowledge.missing(goal):
@@ -408,12 +410,4 @@ def regrasp_at(known: KnownGarment | str, name: str) -> Pick | None:
         return None
     off_m = np.linalg.norm(view.uv_from_rc(at) - point.uv_m, axis=1)
     row, col = at[int(off_m.argmin())].tolist()
-    source_row, source_col = view.source_rc[row, col].tolist()
-    return Pick(
-        id=1,
-        name=f"the cloth {1e3 * off_m.min():.0f} mm from {name}",
-        position_held_m=view.xyz_m[row, col].astype(np.float64),
-        normal_held=view.normal[row, col].astype(np.float64),
-        view_index=int(view.view_index[row, col]),
-        source_rc=(source_row, source_col),
-    )
+    return pick_at(view, (row, col), 1, f"the cloth {1e3 * off_m.min():.0f} mm from {name}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from flatcloth.commands.options import Address, Aim, HandEye, Method, Output, SimulatedCell
 from flatcloth.commands.output import ProgressBar, announce, loading, report, say
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.options import option
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.active.loop import ActiveLoop

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from flatcloth.commands.options import Output, Source
 from flatcloth.commands.output import ProgressBar, report
 from flatcloth.core.errors import RecordingError, os_errors_as
-from flatcloth.core.options import option
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.checking.findings import Check

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from flatcloth.commands.options import Method, Output, Sides
 from flatcloth.commands.output import ProgressBar, report, say
-from flatcloth.core.options import option
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.api.shape import Shape

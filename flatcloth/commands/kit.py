@@ -10,7 +10,7 @@ from typing import Literal
 
 from flatcloth.commands.options import Output
 from flatcloth.commands.output import report
-from flatcloth.core.options import option
+from flatcloth.recordings.options import option
 
 SUMMARY = "write a coded fabric or stickers to print, with which accuracy is measured"
 EXAMPLES = """examples:

@@ -1,4 +1,4 @@
-"""The options of commands: the fields of their ``Options`` (:mod:`flatcloth.core.options`) say what is read.
+"""The options of commands: the fields of their ``Options``, whose types say what is read.
 
 A field of type ``bool`` is a flag, ``Literal`` a choice, a tuple several values; with the default
 ``MISSING`` it is required. A command's ``Options`` inherit what it has in common with
@@ -16,8 +16,8 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from flatcloth.core.options import option
 from flatcloth.methods.registry import method_names
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.active.goal import Budget, Goal

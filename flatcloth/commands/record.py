@@ -14,7 +14,7 @@ from flatcloth.commands.options import Capture as CaptureOptions
 from flatcloth.commands.options import Output
 from flatcloth.commands.output import report, say, speaks
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
-from flatcloth.core.options import option
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.cameras import Camera

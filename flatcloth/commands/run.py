@@ -7,7 +7,7 @@ from pathlib import Path
 
 from flatcloth.commands.options import HandEye, Method, Output, Sides, Source, Strokes
 from flatcloth.commands.output import ProgressBar, detail, kept_mends, loading, report
-from flatcloth.core.options import option
+from flatcloth.recordings.options import option
 
 SUMMARY = "integrate unattended and export the result"
 EXAMPLES = """examples:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from flatcloth.commands.options import Output, Source, Strokes
 from flatcloth.commands.output import ProgressBar, report
-from flatcloth.core.options import option
+from flatcloth.recordings.options import option
 
 SUMMARY = "find the side of interest of a recording without masks, and write masks"
 EXAMPLES = """examples:

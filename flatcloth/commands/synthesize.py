@@ -8,7 +8,7 @@ from typing import Literal
 
 from flatcloth.commands.options import Output
 from flatcloth.commands.output import ProgressBar, report
-from flatcloth.core.options import option
+from flatcloth.recordings.options import option
 
 SUMMARY = "render a garment mesh to a recording with its truth"
 EXAMPLES = """examples:

@@ -28,7 +28,7 @@ def garment_points(known: KnownGarment | str) -> list[Pick]:
         shape = known.cloth_of(point)
         if point.pixel is None:
             continue
-        points.append(_pick(len(points) + 1, name, shape, point.pixel))
+        points.append(pick_at(shape, point.pixel, len(points) + 1, name))
     return points
 
 
@@ -38,11 +38,14 @@ def other_points(known: KnownGarment | str, sides: JoinedSides | str | None) -> 
         return []
     found = points_on_other_side(known.found, sides)
     first = len(garment_points(known)) + 1
-    points = [_pick(n, name, sides.other.view, pixel) for n, (name, pixel) in enumerate(found.items(), first)]
+    points = [
+        pick_at(sides.other.view, pixel, n, name) for n, (name, pixel) in enumerate(found.items(), first)
+    ]
     return [replace(point, side="other") for point in points]
 
 
-def _pick(number: int, name: str, cloth: FlattenedView, pixel: tuple[int, int]) -> Pick:
+def pick_at(cloth: FlattenedView, pixel: tuple[int, int], number: int, name: str) -> Pick:
+    """Return a pick of the cloth at a pixel."""
     row, col = cloth.source_rc[pixel].tolist()
     return Pick(
         id=number,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,12 +19,13 @@ from flatcloth.engine.outcome import has_other_side, outcome_of, outcome_text, s
 from flatcloth.engine.sheet import Sheet, lay_out, sheet_of, with_placed_pieces
 from flatcloth.export.data import (
     GARMENT,
+    GRASPS,
     Files,
     GraspFrames,
+    grasps_document,
     json_bytes,
-    other_files,
     remove_stale,
-    shape_files,
+    side_files,
     write_files,
 )
 from flatcloth.export.garment import garment_document, garment_points, other_points, outcome_entry
@@ -104,21 +105,22 @@ class SessionData:
 
     def files(self) -> Files:
         """Return all files, each with the function that makes it; the report comes last."""
-        shape = self.canonical
+        shape, sides, garment = self.canonical, self.sides, self.garment
+        files = side_files("this", shape.view, shape.floating)
+        other: tuple[FlattenedView, ...] = ()
+        if isinstance(sides, JoinedSides):
+            view, floating = sides.other.view, sides.other.floating
+            other = (view, *floating)
+            files |= side_files("other", view, floating, shape.view if sides.is_related else None)
 
-        def named() -> list[Pick]:
-            return [*garment_points(self.garment), *other_points(self.garment, self.sides)]
+        def grasps() -> bytes:
+            named = [*garment_points(garment), *other_points(garment, sides)]
+            told = grasps_document(shape.view, self.picks, self.frames, named, shape.floating, other)
+            return json_bytes(told)
 
-        def other() -> Sequence[FlattenedView]:
-            sides = self.sides
-            return (sides.other.view, *sides.other.floating) if isinstance(sides, JoinedSides) else ()
-
-        files = shape_files(shape.view, self.picks, self.frames, shape.floating, named, other)
-        if isinstance(self.sides, JoinedSides):
-            files |= other_files(self.sides, shape.view)
-        garment = self.garment
+        files[GRASPS] = grasps
         if not isinstance(garment, str):
-            files[GARMENT] = lambda: json_bytes(garment_document(garment, self.sides))
+            files[GARMENT] = lambda: json_bytes(garment_document(garment, sides))
         files[OUTCOME] = lambda: outcome_text(self.outcome).encode()
         return files
 

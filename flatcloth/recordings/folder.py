@@ -16,15 +16,13 @@ import numpy as np
 from flatcloth.core.decoding import Finite, MisfitError, Vector3, fitted, unread
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Bool, Intrinsics, RotationAxis
-from flatcloth.recordings.base import Recording, ViewImages
+from flatcloth.recordings.base import Format, Recording, ViewImages
 from flatcloth.recordings.files import depth_files, images
 from flatcloth.recordings.files.camera import Lens, checked_direction, checked_intrinsics, checked_lens
 from flatcloth.recordings.files.depth_files import read_pcd
 from flatcloth.recordings.files.text import Fail, failing, inside, load_table, one_line, unused
 from flatcloth.recordings.files.text import shortened as _short
 from flatcloth.recordings.film.angles import check_distinct
-from flatcloth.recordings.options import SourceOptions
-from flatcloth.recordings.source import Format
 
 HEADER, HEADER_FORMAT = "recording.json", "flatcloth-recording/1"
 OTHER_SIDE = 128
@@ -253,11 +251,6 @@ def _files(folder: Path, given: tuple[ViewOfHeader, ...], turns: float) -> tuple
     return tuple(views)
 
 
-def _open(path: Path, options: SourceOptions) -> Recording:
-    options.refuse(str(path), "angles", "step_deg", "camera_file", "fov_deg", "turning_deg", "sweep")
-    return open_folder(path)
-
-
 def _folders_below(path: Path) -> list[Path]:
     is_one = (path / HEADER).exists()
     return [] if is_one else sorted(header.parent for header in path.glob(f"*/{HEADER}"))
@@ -267,6 +260,7 @@ FORMAT = Format(
     name="flatcloth",
     what=f"a recording folder (containing {HEADER})",
     recognises=lambda path: (path / HEADER).exists(),
-    open=_open,
+    open=lambda path, _: open_folder(path),
+    refuses=("angles", "step_deg", "camera_file", "fov_deg", "turning_deg", "sweep"),
     recordings_below=_folders_below,
 )

@@ -17,9 +17,30 @@ import msgspec
 
 from flatcloth.core.decoding import Finite, MisfitError, fitted
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.options import option
 
 T = TypeVar("T")
+
+
+def option(text: str, form: str = "", default: Any = None, **more: Any) -> Any:
+    """Return the field of an option.
+
+    Parameters
+    ----------
+    text : str
+        Its help; what its default is, is added.
+    form : str
+        What stands for its value there; words for several values.
+    default : object
+        Its value if it is not given; ``MISSING``: it is required.
+    more
+        ``group``, the title of its group, and words about that after a colon; ``either``, the name of those
+        of which one may be given; ``names`` in place of its field's; ``positional``; ``const``, its value if
+        it is given without one; ``read``, which reads its text; ``choices``, which returns them; ``parts``,
+        which returns dataclasses whose options it has.
+    """
+    return dataclasses.field(default=default, metadata={"text": text, "form": form, **more})
+
+
 Factor = Annotated[float, msgspec.Meta(ge=1e-4, le=1e4)]
 View = Annotated[int, msgspec.Meta(ge=0)]
 Pixels = Annotated[float, msgspec.Meta(gt=-1e4, lt=1e4)]

@@ -5,7 +5,7 @@ A package adds a format by an entry point in its ``pyproject.toml``::
     [project.entry-points."flatcloth.recordings"]
     my_data_set = "my_package.my_data_set:FORMAT"
 
-where ``FORMAT`` is a :class:`flatcloth.recordings.source.Format`.
+where ``FORMAT`` is a :class:`flatcloth.recordings.base.Format`.
 """
 
 from __future__ import annotations
@@ -23,11 +23,10 @@ from pathlib import Path
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import is_text
 from flatcloth.core.resources import sample_recordings
-from flatcloth.recordings.base import Recording, keep_source_options
+from flatcloth.recordings.base import Format, Recording, keep_source_options
 from flatcloth.recordings.folder import HEADER
 from flatcloth.recordings.mending import mended
 from flatcloth.recordings.options import SourceOptions
-from flatcloth.recordings.source import Format
 
 ENTRY_POINTS = "flatcloth.recordings"
 BUILT_IN = (
@@ -91,20 +90,6 @@ def format_of(path: Path, options: SourceOptions) -> Format | None:
     raise RecordingError(f"--format {options.format}: unknown format. Choose one of {names}.")
 
 
-def open_by(form: Format, path: Path, options: SourceOptions) -> Recording:
-    """Open a source with a format; those of other packages may fail in any way."""
-    try:
-        return form.open(path, options)
-    except Exception as error:
-        if form not in _added() or isinstance(error, RecordingError | MemoryError):
-            raise
-        _log.exception("The format %s failed to open %s.", form.name, path)
-        raise RecordingError(
-            f"{path}: the format {form.name} failed ({type(error).__name__}: {error}). "
-            "Report this to the author of that format."
-        ) from error
-
-
 def recordings_below(path: Path) -> tuple[Path, ...]:
     """Return the sources of a data set if a folder is one of a known layout or a part of it."""
     asked = (form.recordings_below for form in every_format() if form.recordings_below is not None)
@@ -150,7 +135,17 @@ def open_recording(
     path = place_of(source)
     form = format_of(path, options)
     if form is not None:
-        recording = open_by(form, path, options)
+        try:
+            options.refuse(str(path), *form.refuses)
+            recording = form.open(path, options)
+        except Exception as error:
+            if form not in _added() or isinstance(error, RecordingError | MemoryError):
+                raise
+            _log.exception("The format %s failed to open %s.", form.name, path)
+            raise RecordingError(
+                f"{path}: the format {form.name} failed ({type(error).__name__}: {error}). "
+                "Report this to the author of that format."
+            ) from error
         recording = recording if options.mends is None else mended(recording, options.mends)
         keep_source_options(recording, options.to_dict())
         return recording

@@ -18,10 +18,11 @@ import msgspec
 
 from flatcloth.core.config import Config
 from flatcloth.core.decoding import fitted, parse_json
-from flatcloth.core.errors import ConfigError, JournalError, os_errors_as
-from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.core.errors import ConfigError, JournalError
+from flatcloth.core.plain_files import read_plain
 from flatcloth.recordings.base import Recording, fingerprint, source_options
 from flatcloth.recordings.writer import GrowingRecording
+from flatcloth.session.kept import write_kept
 
 FORMAT = "flatcloth-session/2"
 HEADER = "session.json"
@@ -138,9 +139,8 @@ def settle_header(
     Raises
     ------
     JournalError
-        If it describes another session, is damaged, or is missing although there is a journal.
-    OSError
-        If it cannot be written.
+        If it describes another session, is damaged, cannot be written, or is missing although there is a
+        journal.
     """
     path = folder / HEADER
     if path.exists():
@@ -189,13 +189,12 @@ def take_growth(folder: Path, recording: GrowingRecording) -> None:
     header = read_header(folder)
     had = header.recording.views
     if had < len(recording) and header.recording.fingerprint == recording.fingerprint_of(had):
-        with os_errors_as(JournalError, f"{folder / HEADER}: cannot be written", "Free disk space."):
-            write_header(folder, grown(header, recording))
+        write_header(folder, grown(header, recording))
 
 
 def write_header(folder: Path, header: Header) -> None:
-    """Write ``session.json``; raises ``OSError``."""
-    replace_file(folder / HEADER, json.dumps(msgspec.to_builtins(header), indent=1).encode() + b"\n")
+    """Write ``session.json``; raises ``JournalError``."""
+    write_kept(folder / HEADER, header)
 
 
 def _check(path: Path, kept: Header, recording: Recording, config: Config, method: str) -> None:
