@@ -15,12 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from flatcloth.active.goal import Goal, Knowledge
 from flatcloth.core.geometry import wrapped_deg
-from flatcloth.core.types import MIRROR, Float64
+from flatcloth.core.types import MIRROR, Float64, finite
 from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.export.garment import pick_at
@@ -165,6 +166,12 @@ class Next:
     most_new_m2: float = math.nan
     points_m: dict[str, float] = field(default_factory=dict)
     hidden: tuple[str, ...] = ()
+
+    @property
+    def expected(self) -> dict[str, Any]:
+        """What is expected of it, ready for JSON."""
+        std_mm = {name: round(1e3 * std_m, 1) for name, std_m in self.points_m.items()}
+        return {"new_cm2": finite(1e4 * self.new_m2), "std_mm": std_mm}
 
 
 def seconds_of(turn_deg: float) -> float:

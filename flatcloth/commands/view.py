@@ -82,29 +82,20 @@ class Options(Output, SimulatedCell, Aim, Capture, Address, HandEye, Method, Sou
     )
 
 
-class Opener:
-    """Opens the places of the start screen with the options that the program was started with."""
+def opened_place(options: Options, chosen: Chosen, current: Path | None = None) -> Opened | None:
+    """Open a place: a recording with its session, by default its own, or a camera or cell.
 
-    def __init__(self, options: Options) -> None:
-        self._options = options
-
-    def __call__(self, chosen: Chosen, current: Path | None) -> Opened | None:
-        """Open a place; None if its session is ``current``, which is open already."""
-        if chosen.kind == "camera":
-            return opened_camera(self._options, chosen.source)
-        if chosen.kind == "cell":
-            return opened_cell(dataclasses.replace(self._options, cell="", out=None))
-        return opened_recording(self._options, chosen, current)
-
-
-def opened_recording(options: Options, chosen: Chosen, current: Path | None = None) -> Opened | None:
-    """Open a recording with its session, by default its own; None if that is ``current``.
+    None if the session is ``current``, which is open already.
 
     Raises
     ------
     FlatclothError
-        If the recording cannot be read, or its session is in use.
+        If the recording cannot be read, its session is in use, or the camera or cell cannot be opened.
     """
+    if chosen.kind == "camera":
+        return opened_camera(options, chosen.source)
+    if chosen.kind == "cell":
+        return opened_cell(dataclasses.replace(options, cell="", out=None))
     from flatcloth.api.integrating import integration_of
     from flatcloth.engine.warmup import begin_ahead, compile_beside
     from flatcloth.recordings import SourceOptions, open_recording
@@ -270,7 +261,7 @@ def page_options(options: Options) -> dict[str, Any]:
         "token": token,
         "places": Places(options.root, own=not is_open(options.host, public)),
         "public": public,
-        "opener": Opener(options),
+        "opener": functools.partial(opened_place, options),
     }
 
 
@@ -305,7 +296,7 @@ def first_of(options: Options) -> Callable[[], Opened] | None:
     chosen = Chosen("folder", options.source, options.session)
 
     def opened() -> Opened:
-        found = opened_recording(options, chosen)
+        found = opened_place(options, chosen)
         assert found is not None, "nothing else is open yet"
         return found
 

@@ -28,7 +28,7 @@ from flatcloth.export.data import (
     side_files,
     write_files,
 )
-from flatcloth.export.garment import garment_document, garment_points, other_points, outcome_entry
+from flatcloth.export.garment import garment_document, named_points, outcome_entry
 from flatcloth.export.growth import Growth, Kept, colors_of, grow, key_of
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.garments.deciding import decided_pieces
@@ -114,7 +114,7 @@ class SessionData:
             files |= side_files("other", view, floating, shape.view if sides.is_related else None)
 
         def grasps() -> bytes:
-            named = [*garment_points(garment), *other_points(garment, sides)]
+            named = named_points(garment, sides)
             told = grasps_document(shape.view, self.picks, self.frames, named, shape.floating, other)
             return json_bytes(told)
 
@@ -168,14 +168,11 @@ class OpenedSession:
         return grow(self.integration, self.history, self.progress, self.kept)
 
     @cached_property
-    def both(self) -> GarmentService | None:
-        """The other side, if the session has it: its page or an unattended run computed it, or uses it."""
-        kept = self.kept.both()
-        if kept is not None:
-            return kept
+    def has_both(self) -> bool:
+        """Whether the session has the other side: its page or an unattended run computed it, or uses it."""
         begun, picks = self.history.begun, self.history.picks
         used = begun.garment.seams or any(pick.side == "other" for pick in picks)
-        return self.kept.both_of(self.integration) if used or has_other_side(self.history.folder) else None
+        return self.kept.both() or bool(used) or has_other_side(self.history.folder)
 
     def view_of(self, side: SheetSide) -> FlattenedView | None:
         """Return the cloth of a side, floating pieces included; None if it is not known."""
@@ -237,14 +234,14 @@ class OpenedSession:
     @cached_property
     def data(self) -> SessionData:
         """The data files; grasp poses are at the item's present rotation."""
-        history, both = self.history, self.both
+        history, garments = self.history, self.kept.garments_of(self.integration)
         return SessionData(
             self.integration,
             history.begun,
             history.picks,
             frames_of(self.integration, history.document, history.grips),
-            self.kept.garments or both or GarmentService(self.integration),
-            None if both is None else lambda document: both.joined(document, self.progress),
+            garments,
+            (lambda document: garments.joined(document, self.progress)) if self.has_both else None,
         )
 
 

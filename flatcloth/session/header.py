@@ -17,12 +17,11 @@ from typing import Any
 import msgspec
 
 from flatcloth.core.config import Config
-from flatcloth.core.decoding import fitted, parse_json
+from flatcloth.core.decoding import fitted
 from flatcloth.core.errors import ConfigError, JournalError
-from flatcloth.core.plain_files import read_plain
 from flatcloth.recordings.base import Recording, fingerprint, source_options
 from flatcloth.recordings.writer import GrowingRecording
-from flatcloth.session.kept import write_kept
+from flatcloth.session.kept import read_kept, write_kept
 
 FORMAT = "flatcloth-session/2"
 HEADER = "session.json"
@@ -91,26 +90,22 @@ def read_header(folder: Path) -> Header:
         If it is not a session folder, or its header is damaged; the message names the file.
     """
     path = folder / HEADER
-    try:
-        raw = parse_json(read_plain(path))
-        found = raw.get("format") if isinstance(raw, dict) else None
-        if found is not None and found != FORMAT:
-            raise JournalError(
-                f"{path}: format {found!r:.60} is not {FORMAT}, which this version reads. Use another folder."
-            )
-        header = fitted(raw, Header)
-        header.effective_config  # noqa: B018 - raises on unknown settings
-    except FileNotFoundError as error:
+    remedy = "Restore it from a copy, or use the version that wrote it. Otherwise use another folder."
+    raw = read_kept(path, dict[str, Any], remedy)
+    if raw is None:
         raise JournalError(
             f"{folder}: not a session folder, it has no {HEADER}. Name the folder of --out or --session."
-        ) from error
-    except OSError as error:
-        raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
-    except (ValueError, ConfigError) as error:
+        )
+    found = raw.get("format", FORMAT)
+    if found != FORMAT:
         raise JournalError(
-            f"{path}: not valid ({error}). Restore it from a copy, or use the version that"
-            " wrote it. Otherwise use another folder."
-        ) from error
+            f"{path}: format {found!r:.60} is not {FORMAT}, which this version reads. Use another folder."
+        )
+    try:
+        header = fitted(raw, Header)
+        header.effective_config  # noqa: B018 - raises on unknown settings
+    except (ValueError, ConfigError) as error:
+        raise JournalError(f"{path}: not valid ({error}). {remedy}") from error
     return header
 
 

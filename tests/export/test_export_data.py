@@ -109,15 +109,13 @@ def test_what_is_not_known_is_null_and_the_file_stays_json() -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"not an archive", b"PK\x03\x04truncated"])
-def test_a_damaged_export_is_one_clear_line(tmp_path: Path, content: bytes) -> None:
+def test_an_export_that_is_damaged_or_of_another_format_is_one_clear_line(
+    tmp_path: Path, content: bytes
+) -> None:
     path = tmp_path / "flattened.npz"
     path.write_bytes(content)
     with pytest.raises(FlatclothError, match=r"flattened\.npz: .*export it again"):
         read_shape(path)
-
-
-def test_another_format_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "flattened.npz"
     np.savez(path, format=np.str_("flatcloth-flattened/9"))
     with pytest.raises(FlatclothError, match="flatcloth-flattened/9"):
         read_shape(path)
