@@ -37,7 +37,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import finite
 from flatcloth.engine.garment import KnownGarment
-from flatcloth.export.garment import garment_points, other_points
+from flatcloth.export.garment import named_points
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.writer import DEPTH_SCALE_M, RecordingWriter, depth_units
 from flatcloth.synthesis.recording import Cell
@@ -145,8 +145,7 @@ def _errors_mm(known: KnownGarment | str, truth: Row, cell: Cell, start_deg: flo
     back = object_from_camera(cell.axis, start_deg).inverse()  # the object frame begins where the cell starts
     places = {name: back.apply(np.array(place)[None])[0] for name, place in truth["places"].items()}
     errors = {}
-    beyond = [] if isinstance(known, str) else other_points(known, known.sides)
-    for pick in (*garment_points(known), *beyond):
+    for pick in named_points(known, None if isinstance(known, str) else known.sides):
         true = (
             list(places.values())
             if truth["kind"] == "towel"

@@ -9,7 +9,7 @@ from exported_sessions import write_cylinder
 MISBEHAVING = """
 import ctypes, os, time
 from pathlib import Path
-from flatcloth.recordings.source import Format
+from flatcloth.recordings.base import Format
 
 
 def opened(path, options):

@@ -15,14 +15,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from flatcloth.active.goal import Goal, Knowledge
 from flatcloth.core.geometry import wrapped_deg
-from flatcloth.core.types import MIRROR, Float64
+from flatcloth.core.types import MIRROR, Float64, finite
 from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.integration import Integration
+from flatcloth.export.garment import pick_at
+from flatcloth.export.outline import signed_area
 from flatcloth.garments.fit import APART_M, OUTLINE_STD_M
 from flatcloth.methods.answers import Candidate, Plan
 from flatcloth.methods.base import Method
@@ -164,6 +167,12 @@ class Next:
     points_m: dict[str, float] = field(default_factory=dict)
     hidden: tuple[str, ...] = ()
 
+    @property
+    def expected(self) -> dict[str, Any]:
+        """What is expected of it, ready for JSON."""
+        std_mm = {name: round(1e3 * std_m, 1) for name, std_m in self.points_m.items()}
+        return {"new_cm2": finite(1e4 * self.new_m2), "std_mm": std_mm}
+
 
 def seconds_of(turn_deg: float) -> float:
     """Return the time of a turn and a look."""
@@ -288,8 +297,8 @@ def _shares(
         return {}
     shares = {}
     # The cloth of a point that was not seen is on a piece that floats, or elsewhere of what is missing.
-    canonical, (u, v) = known.canonical, known.found.outline_uv_m.T
-    missing_m2 = 0.5 * abs(float(u @ np.roll(v, -1) - v @ np.roll(u, -1))) - canonical.view.area_m2
+    canonical = known.canonical
+    missing_m2 = abs(signed_area(known.found.outline_uv_m)) - canonical.view.area_m2
     missing_m2 = max(missing_m2, sum(piece.area_m2 for piece in canonical.floating))
     on_floating = joined_m2 / max(missing_m2, float(joined_m2.max()), 1e-6)
     for name in knowledge.missing(goal):
@@ -408,12 +417,4 @@ def regrasp_at(known: KnownGarment | str, name: str) -> Pick | None:
         return None
     off_m = np.linalg.norm(view.uv_from_rc(at) - point.uv_m, axis=1)
     row, col = at[int(off_m.argmin())].tolist()
-    source_row, source_col = view.source_rc[row, col].tolist()
-    return Pick(
-        id=1,
-        name=f"the cloth {1e3 * off_m.min():.0f} mm from {name}",
-        position_held_m=view.xyz_m[row, col].astype(np.float64),
-        normal_held=view.normal[row, col].astype(np.float64),
-        view_index=int(view.view_index[row, col]),
-        source_rc=(source_row, source_col),
-    )
+    return pick_at(view, (row, col), 1, f"the cloth {1e3 * off_m.min():.0f} mm from {name}")

@@ -141,26 +141,11 @@ def stroke_on_side(views: RecordedViews) -> ImageStroke | None:
     return None
 
 
-@dataclass(frozen=True, kw_only=True)
-class FoundAngle:
-    """The angle at which a view agrees best with the others, and the agreement there and as announced.
-
-    Agreement: the share of the compared points that meet the same surface, less that of those that meet none.
-    """
-
-    angle_deg: float
-    agreement: float
-    announced: float
-
-    def is_wrong(self, announced_deg: float) -> bool:
-        """Return whether the announced angle is wrong."""
-        return (
-            apart_deg(self.angle_deg, announced_deg) > WRONG_DEG and self.agreement - self.announced > _BETTER
-        )
-
-
 class AngleFinder:
     """Finds angles of views: points of earlier views must not lie before its surface, nor off the item.
+
+    Agreement at an angle: the share of the compared points that meet the same surface, less that of those
+    that meet none.
 
     Parameters
     ----------
@@ -171,17 +156,13 @@ class AngleFinder:
     def __init__(self, views: RecordedViews) -> None:
         self._views = views
         self._seen: list[_Surface] = []  # of each view, in its own camera
-        self._new: tuple[Uint8, _Surface] | None = None  # the last view's color, and its surface
 
-    def find(self, view: SeenView) -> FoundAngle:
-        """Find the angle of a view, with its announced one."""
+    def corrected_deg(self, view: SeenView) -> float | None:
+        """Return the angle at which a view clearly agrees better than at its announced one; None if none."""
         axis, config = self._views.axis, self._views.config.surface
         for number in range(len(self._seen), len(self._views.angles_deg)):
-            frame, last = self._views.recorded(number), self._new
-            is_last = last is not None and np.array_equal(frame.color, last[0])
-            self._seen.append(last[1] if last and is_last else _surface_of(frame, axis, config))
+            self._seen.append(_surface_of(self._views.recorded(number), axis, config))
         new, count = _surface_of(view.frame, axis, config), len(self._seen)
-        self._new = view.color, new
         poses = [object_from_camera(axis, angle) for angle in self._views.angles_deg]
         known_m = np.concatenate(
             [pose.apply(each.points_m[::count]) for pose, each in zip(poses, self._seen, strict=True)]
@@ -202,11 +183,9 @@ class AngleFinder:
         fine = best + np.arange(-_COARSE_DEG, _COARSE_DEG + _FINE_DEG, _FINE_DEG)
         agreements = [agreement(angle) for angle in fine]
         near = view.angle_deg + np.arange(-2.0, 3.0, 2.0) * _FINE_DEG
-        return FoundAngle(
-            angle_deg=float(fine[int(np.argmax(agreements))]) % 360.0,
-            agreement=max(agreements),
-            announced=max(agreement(angle) for angle in near),
-        )
+        found_deg = float(fine[int(np.argmax(agreements))]) % 360.0
+        is_better = max(agreements) - max(agreement(angle) for angle in near) > _BETTER
+        return found_deg if is_better and apart_deg(found_deg, view.angle_deg) > WRONG_DEG else None
 
 
 @dataclass(frozen=True, kw_only=True)

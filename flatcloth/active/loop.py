@@ -31,7 +31,7 @@ from flatcloth.active.incoming import (
 from flatcloth.active.learning import Learnt, got_by, learn
 from flatcloth.active.log import ActiveLog, stand_all_round
 from flatcloth.api.integrating import integration_of
-from flatcloth.core.errors import FlatclothError, RecordingError
+from flatcloth.core.errors import FlatclothError, RecordingError, os_errors_as
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
 from flatcloth.engine.garment import GarmentService, KnownGarment, place_sure_pieces
@@ -40,8 +40,8 @@ from flatcloth.engine.integration import Integration
 from flatcloth.export.session import SessionData, frames_of
 from flatcloth.methods.registry import method_name
 from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
-from flatcloth.recordings.manifest import HEADER as MANIFEST
-from flatcloth.recordings.manifest import has_views, read_manifest
+from flatcloth.recordings.folder import HEADER as MANIFEST
+from flatcloth.recordings.folder import open_folder
 from flatcloth.recordings.writer import DEPTH_SCALE_M, GrowingRecording, RecordingWriter, depth_units
 from flatcloth.session.document import Document
 from flatcloth.session.header import HEADER, kept_config, take_growth
@@ -214,25 +214,20 @@ class ActiveLoop:
         folder = self.folder
         if (folder / HEADER).exists() and not (folder / RECORDING / MANIFEST).exists():
             raise RecordingError(f"{folder}: holds the session of another recording. Choose another folder.")
-        try:
+        with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose another folder."):
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        except OSError as error:
-            raise RecordingError(
-                f"{folder}: cannot be written ({error.strerror}). Choose another folder."
-            ) from error
         self._log = ActiveLog(folder)
         self._stack.callback(self._log.close)
         self._began_s, self._earlier_s = time.monotonic(), self._log.seconds
         self._log.add("begin", goal=str(self.goal), budget=str(self.budget), method=self._method)
-        if (folder / RECORDING / MANIFEST).exists() and has_views(folder / RECORDING):
-            manifest = read_manifest(folder / RECORDING)
+        begun = None
+        with contextlib.suppress(RecordingError):  # without a view, or damaged, which the writer reports
+            begun = open_folder(folder / RECORDING)
+        if begun is not None:
+            camera, unit_m = begun.intrinsics, begun.depth_scale_m
             self._begin(
                 RecordingWriter(
-                    manifest.folder,
-                    name=manifest.name,
-                    intrinsics=manifest.intrinsics,
-                    depth_scale_m=manifest.depth_scale_m,
-                    resume=True,
+                    begun.location, name=begun.name, intrinsics=camera, depth_scale_m=unit_m, resume=True
                 )
             )
             for number in range(self.views):
@@ -287,13 +282,13 @@ class ActiveLoop:
         if recording is None or self._angles is None:
             return view, []
         if len(recording) >= 2 and recording.rotation_axis is not None:  # an estimated axis is too unsure
-            found = self._angles.find(view)
-            if found.is_wrong(view.angle_deg):
+            true_deg = self._angles.corrected_deg(view)
+            if true_deg is not None:
                 told.append(
                     f"The view was announced at {view.angle_deg:g} degrees, but agrees with the others at "
-                    f"{found.angle_deg:g}: it is taken there. Check the turntable."
+                    f"{true_deg:g}: it is taken there. Check the turntable."
                 )
-                view = replace(view, angle_deg=found.angle_deg)
+                view = replace(view, angle_deg=true_deg)
         if any(apart_deg(view.angle_deg, taken) < SAME_VIEW_DEG for taken in recording.angles_deg):
             told.append(f"There is a view at {view.angle_deg:g} degrees already: turn the item on.")
             raise ViewError(" ".join(told))
@@ -409,16 +404,8 @@ class ActiveLoop:
         if isinstance(asked, End):
             self._log.add("end", reached=asked.reached, reason=asked.reason)
             return
-        self._log.add(
-            "ask",
-            number=self.views,
-            angle_deg=asked.angle_deg,
-            why=asked.why,
-            expected={
-                "new_cm2": finite(1e4 * asked.new_m2),
-                "std_mm": {name: round(1e3 * std, 1) for name, std in asked.points_m.items()},
-            },
-        )
+        told = {"angle_deg": asked.angle_deg, "why": asked.why, "expected": asked.expected}
+        self._log.add("ask", number=self.views, **told)
 
     def _decided(self) -> Next | End:
         goal, knowledge, document = self.goal, self.knowledge, self.document

@@ -12,7 +12,7 @@ from flatcloth.active.loop import ActiveLoop
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
 from flatcloth.export.data import GraspFrames, grasps_document
-from flatcloth.export.garment import garment_points, other_points
+from flatcloth.export.garment import named_points
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.session.journal import Pick
 
@@ -118,7 +118,7 @@ class ActiveService:
 
     @property
     def _named(self) -> list[Pick]:
-        return [*garment_points(self.loop.known), *other_points(self.loop.known, self._sides)]
+        return named_points(self.loop.known, self._sides)
 
     @property
     def _sides(self) -> JoinedSides | None:
@@ -163,9 +163,6 @@ def _asked(asked: Next | Waiting | End, number: int) -> dict[str, Any]:
         "turn_deg": asked.turn_deg,
         "seconds": round(seconds_of(asked.turn_deg), 1),
         "why": asked.why,
-        "expected": {
-            "new_cm2": finite(1e4 * asked.new_m2),
-            "std_mm": {name: round(1e3 * std, 1) for name, std in asked.points_m.items()},
-        },
+        "expected": asked.expected,
         "hidden": list(asked.hidden),
     }

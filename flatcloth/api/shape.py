@@ -19,8 +19,8 @@ from flatcloth.engine.joints import Alternative, Joint, alternatives, joints_of,
 from flatcloth.engine.outcome import lines_of as outcome_lines
 from flatcloth.engine.outcome import other_side_lines
 from flatcloth.export.data import this_from_other
-from flatcloth.export.garment import garment_points, other_points
 from flatcloth.export.garment import lines_of as garment_lines
+from flatcloth.export.garment import named_points
 from flatcloth.export.session import SessionData
 from flatcloth.garments.recognition import Recognition
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel
@@ -171,8 +171,7 @@ class Shape:
 
         Empty if no known kind was recognised.
         """
-        points = *garment_points(self.data.garment), *other_points(self.data.garment, self.data.sides)
-        return {point.name: point for point in points}
+        return {point.name: point for point in named_points(self.data.garment, self.data.sides)}
 
     def grasp(
         self, row: int, col: int, *, piece: int | None = None, opening_m: float | None = None
@@ -218,8 +217,7 @@ class Shape:
         if point is None:
             seen = ", ".join(self.named_points()) or "none"
             raise GarmentError(f"{name}: no named point of this garment that was seen; seen are {seen}.")
-        on_this = {each.name for each in garment_points(self.data.garment)}
-        views = [self.view, *self.pieces] if name in on_this or self.other is None else [self.other]
+        views = [self.view, *self.pieces] if point.side == "this" or self.other is None else [self.other]
         found = nearest_pixel(views, point.position_held_m)
         assert found is not None, "the cloth of the point was seen"
         return self._pose(views[found[0]], found[1], opening_m)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -26,6 +25,7 @@ from flatcloth.batch.rows import (
 from flatcloth.batch.tasks import Task, quick_signature
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError, os_errors_as
+from flatcloth.session.journal_file import LockedError, open_locked
 
 Row = dict[str, Any]
 _TABLE_EVERY_S = 60.0
@@ -137,13 +137,11 @@ def run_batch(
 
 
 def _row_of(task: Task, answer: Answer, out: Path) -> Row:
-    if isinstance(answer, dict) and "outcome" in answer:
+    if isinstance(answer, Exception):
+        text = " ".join(str(answer).split())[:300]
+        answer = {"outcome": CRASHED, "reason": f"its worker gave no result ({text})."}
+    if "name" in answer:
         return answer
-    if isinstance(answer, dict) and "lost" in answer:
-        outcome, reason = answer["lost"], answer["reason"]
-    else:
-        why = answer.get("error") if isinstance(answer, dict) else " ".join(str(answer).split())[:300]
-        outcome, reason = CRASHED, f"its worker gave no result ({why})."
     folder = out / task.name
     before = read_row(folder)
     begun = before is not None and before["outcome"] == UNFINISHED
@@ -153,8 +151,7 @@ def _row_of(task: Task, answer: Answer, out: Path) -> Row:
         "method": task.method,
         "content": None if before is None else before.get("content"),
         **(dict(before) if before is not None and begun else next_attempt(before)),
-        "outcome": outcome,
-        "reason": reason,
+        **answer,
     }
     write_row(row, folder)
     return row
@@ -176,16 +173,15 @@ def owned(out: Path) -> Iterator[None]:
     FlatclothError
         If it cannot be written, or another process has the lock.
     """
-    with os_errors_as(FlatclothError, f"{out}: cannot be written", "Choose another --out."):
-        out.mkdir(parents=True, exist_ok=True)
-        lock = os.open(out / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise FlatclothError(
-                f"{out}: another batch is at it; wait for it, or choose another --out."
-            ) from error
+        with os_errors_as(FlatclothError, f"{out}: cannot be written", "Choose another --out."):
+            out.mkdir(parents=True, exist_ok=True)
+            lock = open_locked(out / _LOCK)
+    except LockedError as error:
+        raise FlatclothError(
+            f"{out}: another batch is at it; wait for it, or choose another --out."
+        ) from error
+    try:
         yield
     finally:
         os.close(lock)

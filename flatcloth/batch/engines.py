@@ -21,7 +21,7 @@ from flatcloth.core.subprocess_worker import Worker, WorkerError, WorkerHungErro
 
 # --- a task in a process of its own ---------------------------------------------------------------
 
-_PROGRAM = "flatcloth.batch.task_process"
+_PROGRAM = "flatcloth.batch.jobs"
 _ONE_THREAD = {
     f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS", "VECLIB_MAXIMUM")
 }
@@ -72,8 +72,7 @@ def run_task(question: Mapping[str, Any], limits: Limits, processes: _Processes 
     Returns
     -------
     dict
-        The answer; or ``error``, why the job was refused; or ``lost`` (an outcome) and ``reason``, if the
-        process crashed or was too slow.
+        The row; or its ``outcome`` and ``reason`` only, if the process refused, crashed or was too slow.
     """
     try:
         worker = processes.of_thread(limits)
@@ -82,17 +81,17 @@ def run_task(question: Mapping[str, Any], limits: Limits, processes: _Processes 
             worker.close()
         return answer
     except WorkerError as error:
-        return {"error": str(error)}
+        return {"outcome": CRASHED, "reason": f"its worker gave no result ({error})."}
     except WorkerHungError:
         return {
-            "lost": HUNG,
+            "outcome": HUNG,
             "reason": f"was not done within {limits.seconds:g} s; give more by --time-limit.",
         }
     except WorkerLostError as error:
         cause = str(error)
         if "SIGKILL" in cause:
             cause = "was killed (SIGKILL), as a system does that runs out of memory"
-        return {"lost": CRASHED, "reason": f"its process {cause}."}
+        return {"outcome": CRASHED, "reason": f"its process {cause}."}
 
 
 # --- many tasks -----------------------------------------------------------------------------------

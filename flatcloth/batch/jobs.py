@@ -30,7 +30,7 @@ from flatcloth.checking.check import checked
 from flatcloth.core.errors import FlatclothError, JournalError, os_errors_as
 from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.memory import trim
-from flatcloth.core.subprocess_worker import memory_limit_bytes
+from flatcloth.core.subprocess_worker import Message, memory_limit_bytes, serve
 from flatcloth.core.types import FlattenedView, Float64, Progress
 from flatcloth.engine.integration import Integration
 from flatcloth.export.garment import garment_document
@@ -45,16 +45,22 @@ _LOCK_WAIT_S = 15.0
 """Time to wait for a lock: the process of a killed worker closes its session within a second."""
 
 
-def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
+def main() -> None:
+    """Answer the requests until the input ends: the program that a worker keeps for its tasks.
+
+    A task that crashes, hangs or fills the memory ends this process and not the worker's.
+    """
+    cv2.setNumThreads(1)
+    serve(answer, FlatclothError)
+
+
+def answer(question: Mapping[str, Any], progress: Progress) -> Message:
     """Integrate a recording, and answer with its row.
 
     ``spent`` in the answer means that the process must not be used again.
     """
-    task, out = Task.from_dict(question["task"]), Path(question["out"])
-    return _to_row(task, out / task.name, question, progress)
-
-
-def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
+    task = Task.from_dict(question["task"])
+    folder = Path(question["out"]) / task.name
     started, cpu_started = time.perf_counter(), time.process_time()
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")  # the peak of memory is that of this task
@@ -76,7 +82,7 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
             row["content"] = content_signature(task, question["settings"])
             kept = _kept(folder, row, again=question["again"])
             if kept is not None:
-                return {**kept, "again": False}
+                return Message(kept)
             if not folder.exists():
                 row = {**row, **next_attempt(None), "earlier": None}
             # What is begun is written, so that it is known if this process is killed.
@@ -100,7 +106,7 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
     trim()
     row["memory_after_mb"] = _status_mb("VmRSS")
     write_row(row, folder)
-    return {**row, "again": True, "spent": spent}
+    return Message({**row, "spent": spent})
 
 
 def _integrated(task: Task, folder: Path, seconds: dict[str, float], progress: Progress) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from flatcloth.core.errors import FlatclothError, JournalError, RecordingError, 
 from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain, replace_file
 from flatcloth.core.resources import static_folder
 from flatcloth.export.page import common_parts
-from flatcloth.recordings.source import OPTION_NAMES, SourceOptions
+from flatcloth.recordings.options import OPTION_NAMES, SourceOptions
 from flatcloth.rendering.drawing import data_url
 from flatcloth.session.journal_file import JournalFile, LockedError, sealed, unsealed
 

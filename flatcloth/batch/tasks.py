@@ -41,22 +41,12 @@ class Task:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the task for JSON."""
-        said = self.options.to_dict()
-        return {"source": self.source, "name": self.name, "method": self.method, "options": said}
+        return {**vars(self), "options": self.options.to_dict()}
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> Task:
-        """Read what ``to_dict`` wrote; raises ``RecordingError`` if it is something else."""
-        try:
-            source, name, method, options = (table[k] for k in ("source", "name", "method", "options"))
-        except (KeyError, TypeError) as error:
-            raise RecordingError(f"not a task ({error}). Run the batch again.") from error
-        return cls(
-            source=str(source),
-            name=str(name),
-            method=str(method),
-            options=SourceOptions.from_dict(options, "the task"),
-        )
+        """Read what ``to_dict`` wrote."""
+        return cls(**{**table, "options": SourceOptions.from_dict(table["options"], "the task")})
 
 
 # --- from the sources to tasks ---------------------------------------------------------------

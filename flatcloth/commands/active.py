@@ -7,9 +7,10 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.options import Address, Aim, HandEye, Method, Output, SimulatedCell, option
+from flatcloth.commands.options import Address, Aim, HandEye, Method, Output, SimulatedCell
 from flatcloth.commands.output import ProgressBar, announce, loading, report, say
 from flatcloth.core.errors import FlatclothError
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.active.loop import ActiveLoop

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flatcloth.commands.options import Engine as EngineOptions
-from flatcloth.commands.options import Method, Output, SourceInformation, option
+from flatcloth.commands.options import Method, Output, SourceInformation
 from flatcloth.commands.output import ProgressBar, announce, report, say
 from flatcloth.core.errors import FlatclothError
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.batch.drive import Count
@@ -97,7 +98,7 @@ def _look(options: Options) -> None:
         )
     out = Path(options.sources[0]).expanduser()
     if options.coco:
-        from flatcloth.export.formats.coco import write_coco
+        from flatcloth.export.coco import write_coco
 
         results, images = write_coco(sorted(path for path in out.iterdir() if path.is_dir()), options.coco)
         line = f"Written to {options.coco}: {images} images of {results} results."

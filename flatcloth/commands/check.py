@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.options import Output, Source, option
+from flatcloth.commands.options import Output, Source
 from flatcloth.commands.output import ProgressBar, report
 from flatcloth.core.errors import RecordingError, os_errors_as
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.checking.findings import Check

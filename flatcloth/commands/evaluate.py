@@ -10,8 +10,9 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flatcloth.commands.options import Method, Output, Sides, option
+from flatcloth.commands.options import Method, Output, Sides
 from flatcloth.commands.output import ProgressBar, report, say
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.api.shape import Shape

@@ -8,10 +8,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.options import HandEye, Output, SourceInformation, number, option
+from flatcloth.commands.options import HandEye, Output, SourceInformation, number
 from flatcloth.commands.output import ProgressBar, report
 from flatcloth.core.errors import FlatclothError, GarmentError, os_errors_as
 from flatcloth.core.plain_files import check_replacing
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.export.session import OpenedSession, SessionData
@@ -118,27 +119,20 @@ def _write(name: str, session: OpenedSession, data: SessionData, path: Path) -> 
     from flatcloth.export.by_name import made
     from flatcloth.export.files import write_file
 
-    match name:
-        case "data":
-            data.write(path)
-        case "figures":
-            from flatcloth.export.figures import figure_files
+    if name == "data":
+        data.write(path)
+    elif name == "figures":
+        from flatcloth.export.figures import figure_files
 
-            for file, content in figure_files(session):
-                write_file(path / file, content)
-        case "rerun":
-            from flatcloth.export.formats.moments import write_rrd
+        for file, content in figure_files(session):
+            write_file(path / file, content)
+    elif name in ("rerun", "mcap"):
+        from flatcloth.export import moments
 
-            write_rrd(session, path)
-        case "mcap":
-            from flatcloth.export.formats.moments import write_mcap
-
-            write_mcap(session, path)
-        case "grasps":
-            write_file(path, data.files()["grasps.json"]())
-        case "outline":
-            write_file(path, made(session, f"outline{path.suffix.lower()}"))
-        case _:
-            if name == "garment" and isinstance(session.data.garment, str):
-                raise GarmentError(session.data.garment)
-            write_file(path, made(session, _NAMES[name]))
+        (moments.write_rrd if name == "rerun" else moments.write_mcap)(session, path)
+    elif name == "grasps":
+        write_file(path, data.files()["grasps.json"]())
+    elif name == "garment" and isinstance(session.data.garment, str):
+        raise GarmentError(session.data.garment)
+    else:
+        write_file(path, made(session, _NAMES.get(name, f"outline{path.suffix.lower()}")))

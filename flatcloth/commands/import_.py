@@ -6,9 +6,10 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from flatcloth.commands.options import Output, Source, option
+from flatcloth.commands.options import Output, Source
 from flatcloth.commands.output import ProgressBar, report
 from flatcloth.core.errors import RecordingError
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.recordings import Recording
@@ -60,5 +61,5 @@ def _opened(options: Options, bar: ProgressBar) -> Recording:
             raise RecordingError(f"{path}: not a RealSense file. --align applies only to those.")
         return open_recording(options.source, options.source_options())
     said = options.source_options()
-    opened = open_isolated("realsense", path, said.given_angles, options.align, bar.show)
+    opened = open_isolated("realsense", path, said, options.align, bar.show)
     return mended(opened, said.mends or Mends())

@@ -8,8 +8,9 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Literal
 
-from flatcloth.commands.options import Output, option
+from flatcloth.commands.options import Output
 from flatcloth.commands.output import report
+from flatcloth.recordings.options import option
 
 SUMMARY = "write a coded fabric or stickers to print, with which accuracy is measured"
 EXAMPLES = """examples:

@@ -1,4 +1,4 @@
-"""The options of commands, declared once as fields of dataclasses: their types say what is read.
+"""The options of commands: the fields of their ``Options``, whose types say what is read.
 
 A field of type ``bool`` is a flag, ``Literal`` a choice, a tuple several values; with the default
 ``MISSING`` it is required. A command's ``Options`` inherit what it has in common with
@@ -11,12 +11,13 @@ import argparse
 import dataclasses
 import math
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from flatcloth.methods.registry import method_names
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.active.goal import Budget, Goal
@@ -29,29 +30,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def option(text: str, form: str = "", default: Any = None, **more: Any) -> Any:
-    """Return the field of an option.
-
-    Parameters
-    ----------
-    text : str
-        Its help; what its default is, is added.
-    form : str
-        What stands for its value there; words for several values.
-    default : object
-        Its value if it is not given; ``MISSING``: it is required.
-    more
-        ``group``, the title of its group, and words about that after a colon; ``either``, the name of those
-        of which one may be given; ``names`` in place of its field's; ``positional``; ``const``, its value if
-        it is given without one; ``read``, which reads its text; ``choices``, which returns them.
-    """
-    return dataclasses.field(default=default, metadata={"text": text, "form": form, **more})
-
-
 def add_options(parser: argparse.ArgumentParser, kind: type[Any]) -> None:
     """Declare the options of a command."""
-    hints, into = get_type_hints(kind), dict[str, Any]()
-    for field in sorted(dataclasses.fields(kind), key=lambda one: one.name in _LAST):
+    into = dict[str, Any]()
+    for field, hint, default in sorted(_options(kind), key=lambda one: one[0].name in _LAST):
         about = field.metadata
         place: Any = parser
         if group := about.get("group"):
@@ -60,18 +42,29 @@ def add_options(parser: argparse.ArgumentParser, kind: type[Any]) -> None:
         if either := about.get("either"):
             place = into.setdefault(either, None) or place.add_mutually_exclusive_group()
             into[either] = place
-        names = about.get("names") or (f"--{field.name.replace('_', '-')}",)
-        place.add_argument(*(() if about.get("positional") else names), **_argument(field, hints[field.name]))
+        names = about.get("names") or (f"--{field.name.removesuffix('_deg').replace('_', '-')}",)
+        argument = {"dest": field.name, **_argument(about, hint, default)}
+        place.add_argument(*(() if about.get("positional") else names), **argument)
+
+
+def _options(kind: type[Any]) -> Iterator[tuple[dataclasses.Field[Any], Any, Any]]:
+    """Yield the fields of a dataclass that are options, with types and defaults; those of parts have none."""
+    hints = get_type_hints(kind)
+    for field in dataclasses.fields(kind):
+        if parts := field.metadata.get("parts"):
+            yield from ((own, hint, None) for part in parts() for own, hint, _ in _options(part))
+        elif field.metadata:
+            yield field, hints[field.name], field.default
 
 
 _LAST = ("quiet", "verbose", "log_file", "json")
 """What all commands have stands at the end of their help."""
 
 
-def _argument(field: dataclasses.Field[Any], hint: Any) -> dict[str, Any]:
-    """Return what argparse is told of a field."""
-    about, default = field.metadata, None if field.default is MISSING else field.default
-    told: dict[str, Any] = {"dest": field.name, "default": default, "help": about["text"]}
+def _argument(about: Mapping[str, Any], hint: Any, given: Any) -> dict[str, Any]:
+    """Return what argparse is told of a field, by its metadata, type and default."""
+    default = None if given is MISSING else given
+    told: dict[str, Any] = {"default": default, "help": about["text"]}
     if default is not None and default is not False and default != "":
         words = default if isinstance(default, tuple) else (default,)
         shown = " ".join(f"{word:g}" if isinstance(word, float) else str(word) for word in words)
@@ -92,15 +85,21 @@ def _argument(field: dataclasses.Field[Any], hint: Any) -> dict[str, Any]:
     told |= {"nargs": "?", "const": about["const"]} if "const" in about else {}
     told |= {"metavar": form if isinstance(told.get("nargs"), int) else form[0]} if form else {}
     if not about.get("positional"):
-        return {**told, "required": field.default is MISSING}
-    return told if field.default is MISSING else {"nargs": "?", **told}
+        return {**told, "required": given is MISSING}
+    return told if given is MISSING else {"nargs": "?", **told}
 
 
 def options_of(kind: type[T], parsed: argparse.Namespace) -> T:
     """Return the options of a command line that was parsed."""
-    names = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
-    given = {name: getattr(parsed, name) for name in names}
-    return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in given.items()})
+    given: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
+        if parts := field.metadata.get("parts"):
+            own = {one.name: getattr(parsed, one.name) for part in parts() for one, _, _ in _options(part)}
+            given[field.name] = {name: value for name, value in own.items() if value not in (None, False)}
+        else:
+            value = getattr(parsed, field.name)
+            given[field.name] = tuple(value) if isinstance(value, list) else value
+    return kind(**given)
 
 
 def whole(least: int, most: int, cause: str) -> Callable[[str], int]:
@@ -157,100 +156,23 @@ class Sides:
     )
 
 
-_MENDS = "mends: read a recording as if a mistake in it had not been made (docs/checking.md)"
+def _of_sources() -> tuple[type[Any], ...]:
+    from flatcloth.recordings.options import Mends, SourceOptions
+
+    return Mends, SourceOptions
 
 
 @dataclass(kw_only=True)
-class Mending:
-    """What is read otherwise than recorded."""
-
-    reverse: bool = option("the item turns the other way than the angles say", group=_MENDS)
-    estimate_axis: bool = option("do not use the recorded axis and held point; estimate them", group=_MENDS)
-    mirror: bool = option("flip the images left to right", group=_MENDS)
-    invert_masks: bool = option("invert the masks", group=_MENDS)
-    without_masks: bool = option("do not use the masks", group=_MENDS)
-    angle_factor: str | None = option("multiply all angles by this factor", "FACTOR", group=_MENDS)
-    depth_factor: str | None = option("multiply depth by this factor", "FACTOR", group=_MENDS)
-    focal_factor: str | None = option("multiply the focal length by this factor", "FACTOR", group=_MENDS)
-    color_scale: str | None = option(
-        "enlarge color about the middle of the image by a factor", "FACTOR", group=_MENDS
-    )
-    view_angles: str | None = option("angles of single views, as if recorded", "VIEW=DEG,...", group=_MENDS)
-    depth_views: str | None = option(
-        "views that have the depth of another: 0-34=1-35", "VIEW=VIEW,...", group=_MENDS
-    )
-    leave_out: str | None = option(
-        "views that are not read; later ones count on without them", "VIEW,...", group=_MENDS
-    )
-    rotate: Literal["90", "180", "270"] | None = option(
-        "turn the images clockwise by these degrees", group=_MENDS
-    )
-    color_shift: tuple[float, float] | None = option("move color by pixels", "RIGHT DOWN", group=_MENDS)
-    as_recorded: bool = option(
-        "mend nothing, and go on although the check finds that something is wrong", group=_MENDS
-    )
-
-
-_LACKING = "information that sources lack (docs/datasets.md)"
-
-
-@dataclass(kw_only=True)
-class SourceInformation(Mending):
+class SourceInformation:
     """What the user knows of a source, and what is read otherwise than recorded."""
 
-    angles: Path | None = option(
-        "a table with a line per view, its angle in degrees, or columns file, view or time_s, and angle_deg; "
-        "for a RealSense file: seconds and degrees",
-        "CSV",
-        group=_LACKING,
-        either="angles",
-    )
-    step: float | None = option(
-        "instead: the rotation from view to view in degrees (RealSense files: 10); negative if the side that "
-        "faces the camera moves to the left",
-        "DEG",
-        either="angles",
-    )
-    turning: float | None = option(
-        "instead: the angle between the first and the last image of a turn (MultimodalClothes); negative as "
-        "with --step",
-        "DEG",
-        either="angles",
-    )
-    sweep: Literal["forth", "back"] | None = option(
-        "turn of a data set that is read (default: forth)", group=_LACKING
-    )
-    camera_file: Path | None = option(
-        "for sources without a camera: a file with its intrinsics, like intrinsic.json",
-        "FILE",
-        group=_LACKING,
-    )
-    fov: tuple[float, float] | None = option(
-        "instead, approximately: its field of view in degrees",
-        "H V",
-        group=_LACKING,
-    )
-    format: str | None = option(
-        "format of the source (default: found from its content)", "NAME", group=_LACKING
-    )
+    given: dict[str, Any] | None = option("", parts=_of_sources)
 
     def source_options(self) -> SourceOptions:
-        """Return the options of the source; ``RecordingError`` names a mend that is invalid."""
+        """Return the options of the source; ``RecordingError`` names one that is invalid."""
         from flatcloth.recordings import SourceOptions
-        from flatcloth.recordings.mending import MENDS, Mends, options_of
 
-        said = {name: value for name in MENDS if (value := getattr(self, name)) not in (None, False)}
-        return SourceOptions(
-            angles=self.angles,
-            step_deg=self.step,
-            camera_file=self.camera_file,
-            fov_deg=self.fov,
-            turning_deg=self.turning,
-            sweep=self.sweep,
-            format=self.format,
-            mends=options_of(Mends, said, "the command line") if said else None,
-            as_recorded=self.as_recorded or None,
-        )
+        return SourceOptions.from_dict(self.given or {}, "the command line")
 
 
 SOURCES = (

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flatcloth.commands.options import Capture as CaptureOptions
-from flatcloth.commands.options import Output, option
+from flatcloth.commands.options import Output
 from flatcloth.commands.output import report, say, speaks
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.cameras import Camera

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 
-from flatcloth.commands.options import HandEye, Method, Output, Sides, Source, Strokes, option
+from flatcloth.commands.options import HandEye, Method, Output, Sides, Source, Strokes
 from flatcloth.commands.output import ProgressBar, detail, kept_mends, loading, report
+from flatcloth.recordings.options import option
 
 SUMMARY = "integrate unattended and export the result"
 EXAMPLES = """examples:
@@ -31,10 +32,11 @@ def run(options: Options) -> None:
         from flatcloth.recordings import open_recording
 
     base_from_camera, strokes = options.base_from_camera(), options.decisions()
-    recording = open_recording(options.source, kept_mends(options.source_options(), options.out))
+    given = kept_mends(options.source_options(), options.out)
+    recording = open_recording(options.source, given)
     with ProgressBar(recording.name, steps=True) as bar:
         check = checked(recording, progress=bar.show)
-        if not options.as_recorded:
+        if not given.as_recorded:
             check.refuse(recording.location)
         return_freed_memory()
         shape = integrate(

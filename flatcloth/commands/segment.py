@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 
-from flatcloth.commands.options import Output, Source, Strokes, option
+from flatcloth.commands.options import Output, Source, Strokes
 from flatcloth.commands.output import ProgressBar, report
+from flatcloth.recordings.options import option
 
 SUMMARY = "find the side of interest of a recording without masks, and write masks"
 EXAMPLES = """examples:

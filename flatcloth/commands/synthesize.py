@@ -6,8 +6,9 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Literal
 
-from flatcloth.commands.options import Output, option
+from flatcloth.commands.options import Output
 from flatcloth.commands.output import ProgressBar, report
+from flatcloth.recordings.options import option
 
 SUMMARY = "render a garment mesh to a recording with its truth"
 EXAMPLES = """examples:

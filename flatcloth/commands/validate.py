@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from flatcloth.commands.options import Method, Output, Sides, Source, option
+from flatcloth.commands.options import Method, Output, Sides, Source
 from flatcloth.commands.output import ProgressBar, report
+from flatcloth.recordings.options import option
 
 SUMMARY = "compare a recording of a marked fabric (flatcloth kit) with it: is it right in this cell?"
 EXAMPLES = """examples:

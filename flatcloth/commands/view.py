@@ -22,15 +22,14 @@ from flatcloth.commands.options import (
     SimulatedCell,
     SourceInformation,
     excluded,
-    option,
     whole,
 )
 from flatcloth.commands.output import announce, say
 from flatcloth.core.errors import FlatclothError
+from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.active.service import Eye
-    from flatcloth.recordings import SourceOptions
     from flatcloth.viewer.places import Chosen
     from flatcloth.viewer.server.app import PageServer
     from flatcloth.viewer.server.workspace import Opened
@@ -83,64 +82,45 @@ class Options(Output, SimulatedCell, Aim, Capture, Address, HandEye, Method, Sou
     )
 
 
-def opened_recording(options: Options, source: str, session: Path | None = None) -> Opened:
-    """Open a recording with its session; ``session`` is the session's folder, by default its own.
+def opened_place(options: Options, chosen: Chosen, current: Path | None = None) -> Opened | None:
+    """Open a place: a recording with its session, by default its own, or a camera or cell.
+
+    None if the session is ``current``, which is open already.
 
     Raises
     ------
     FlatclothError
-        If the recording cannot be read, or its session is in use.
+        If the recording cannot be read, its session is in use, or the camera or cell cannot be opened.
     """
-    found = _opened(options, source, session, None)
-    assert found is not None
-    return found
-
-
-class Opener:
-    """Opens the places of the start screen with the options that the program was started with."""
-
-    def __init__(self, options: Options) -> None:
-        self._options = options
-
-    def __call__(self, chosen: Chosen, current: Path | None) -> Opened | None:
-        """Open a place; None if its session is ``current``, which is open already."""
-        if chosen.kind == "camera":
-            return opened_camera(self._options, chosen.source)
-        if chosen.kind == "cell":
-            return opened_cell(dataclasses.replace(self._options, cell="", out=None))
-        options = self._options
-        if chosen.header is None:
-            return _opened(options, chosen.source, None, current, chosen)
-        options = dataclasses.replace(options, method=chosen.header.method)
-        return _opened(options, chosen.source, chosen.session, current, chosen)
-
-
-def _opened(
-    options: Options,
-    source: str,
-    session: Path | None,
-    current: Path | None,
-    chosen: Chosen | None = None,
-) -> Opened | None:
+    if chosen.kind == "camera":
+        return opened_camera(options, chosen.source)
+    if chosen.kind == "cell":
+        return opened_cell(dataclasses.replace(options, cell="", out=None))
     from flatcloth.api.integrating import integration_of
     from flatcloth.engine.warmup import begin_ahead, compile_beside
-    from flatcloth.recordings import open_recording
+    from flatcloth.recordings import SourceOptions, open_recording
     from flatcloth.session.header import default_session_folder, kept_config
     from flatcloth.session.kept import settle_axis
     from flatcloth.session.store import SessionFolder
 
-    header = None if chosen is None else chosen.header
+    header, session = chosen.header, chosen.session
     if session is not None and session == current:
         return None
-    config = None if header is None else header.effective_config
-    if header is None and session is not None:
-        config = kept_config(session, options.method)
-    recording = open_recording(source, _source_options(options, chosen))
-    integration = integration_of(recording, options.method, config)
-    path = session or default_session_folder(integration.recording, options.method, integration.config)
+    given = chosen.options  # what the session was opened with, or the options given now
+    if given is None and header is not None:
+        given = SourceOptions.from_dict(header.recording.options, "the session")
+    if given is None:
+        given = SourceOptions() if chosen.kind == "example" else options.source_options()
+    method, config = options.method, None
+    if header is not None:
+        method, config = header.method, header.effective_config
+    elif session is not None:
+        config = kept_config(session, method)
+    integration = integration_of(open_recording(chosen.source, given), method, config)
+    path = session or default_session_folder(integration.recording, method, integration.config)
     if path == current:
         return None
-    folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
+    folder = SessionFolder.open(path, integration.recording, integration.config, method)
     try:
         settle_axis(folder.folder, integration.views)
         compile_beside()
@@ -152,17 +132,6 @@ def _opened(
     except BaseException:
         folder.close()
         raise
-
-
-def _source_options(options: Options, chosen: Chosen | None) -> SourceOptions:
-    """Return what a recording is opened with: what its session was opened with, or the options given now."""
-    from flatcloth.recordings import SourceOptions
-
-    if chosen is not None and chosen.options is not None:
-        return chosen.options
-    if chosen is not None and chosen.header is not None:
-        return SourceOptions.from_dict(chosen.header.recording.options, "the session")
-    return SourceOptions() if chosen is not None and chosen.kind == "example" else options.source_options()
 
 
 def opened_camera(options: Options, serial: str) -> Opened:
@@ -185,7 +154,7 @@ def opened_camera(options: Options, serial: str) -> Opened:
 
     settings = CaptureSettings(
         folder=options.out or Path(f"recording-{datetime.now():%Y%m%d-%H%M%S}"),
-        step_deg=10.0 if options.step is None else options.step,
+        step_deg=options.source_options().step_deg or 10.0,
         frames=capture.FRAMES if options.frames is None else options.frames,
         resume=options.resume,
     )
@@ -292,44 +261,51 @@ def page_options(options: Options) -> dict[str, Any]:
         "token": token,
         "places": Places(options.root, own=not is_open(options.host, public)),
         "public": public,
-        "opener": Opener(options),
+        "opener": functools.partial(opened_place, options),
     }
 
 
-def first_of_camera(options: Options) -> Callable[[], Opened] | None:
-    """Return what opens the camera or the cell that is shown first; None without ``--camera`` and ``--cell``.
+def first_of(options: Options) -> Callable[[], Opened] | None:
+    """Return what opens the recording, camera or cell that is shown first; None for the start screen.
 
     Raises
     ------
     FlatclothError
         If options contradict each other.
     """
+    from flatcloth.viewer.places import Chosen
+
     if options.cell is not None:
         for name in excluded(options, ("source", "camera", "session")):
             raise FlatclothError(f"--cell shows a simulated cell; it does not go with --{name}.")
         return lambda: opened_cell(options)
-    if options.camera is None:
-        given = excluded(options, ("out", "frames", "align", "resume"))
-        if given:
-            raise FlatclothError(f"--{given[0]} needs --camera; give both, or neither.")
+    if options.camera is not None:
+        if options.source is not None:
+            raise FlatclothError(
+                f"{options.source}: --camera shows a camera instead of a recording; give only one of"
+                " them. A RealSense file is played in the place of a camera by --camera FILE."
+            )
+        opener = opened_camera if options.goal is None else opened_looking_camera
+        return functools.partial(opener, options, options.camera)
+    for name in excluded(options, ("out", "frames", "align", "resume")):
+        raise FlatclothError(f"--{name} needs --camera; give both, or neither.")
+    if options.source is None:
+        if options.session:
+            raise FlatclothError("--session needs SOURCE; name a recording, or open one on the page.")
         return None
-    if options.source is not None:
-        raise FlatclothError(
-            f"{options.source}: --camera shows a camera instead of a recording; give only one of"
-            " them. A RealSense file is played in the place of a camera by --camera FILE."
-        )
-    opener = opened_camera if options.goal is None else opened_looking_camera
-    return functools.partial(opener, options, options.camera)
+    chosen = Chosen("folder", options.source, options.session)
+
+    def opened() -> Opened:
+        found = opened_place(options, chosen)
+        assert found is not None, "nothing else is open yet"
+        return found
+
+    return opened
 
 
 def run(options: Options) -> None:
     """Serve the page until it is stopped."""
     from flatcloth.viewer.server.app import serve
 
-    first, page = first_of_camera(options), page_options(options)
-    if options.source is not None:
-        serve(first=functools.partial(opened_recording, options, options.source, options.session), **page)
-        return
-    if first is None and options.session:
-        raise FlatclothError("--session needs SOURCE; name a recording, or open one on the page.")
-    serve(first=first, **page)
+    first = first_of(options)
+    serve(first=first, **page_options(options))

@@ -25,8 +25,6 @@ _WORDS = {
     "float": "a number", "int": "a whole number", "str": "text", "bool": "true or false", "null": "null",
     "object": "an object", "array": "a list",
 }  # fmt: skip
-UNKNOWN = "no field that is known"
-"""Description of a field that should not exist."""
 _STEPS = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")
 
 
@@ -144,7 +142,7 @@ def _misfit(text: str, raw: Any) -> MisfitError:
     if field := re.match(r"Object missing required field `(.+)`", problem):
         return MisfitError(f"{where}.{field[1]}".removeprefix("."), "missing", "")
     if field := re.match(r"Object contains unknown field `(.+)`", problem):
-        return MisfitError(f"{where}.{field[1]}".removeprefix("."), UNKNOWN, "")
+        return MisfitError(f"{where}.{field[1]}".removeprefix("."), "no field that is known", "")
     if expected := re.match(r"Expected (.*?)(?:, got .*)?$", problem):
         wanted = re.sub(r"`([^`]+)`", lambda found: _plain(found[1]), expected[1])
         found = described(value)

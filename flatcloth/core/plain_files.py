@@ -64,20 +64,6 @@ def read_plain(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> bytes:
     raise OSError(errno.EFBIG, f"larger than {most_bytes // 10**6} MB", str(path))
 
 
-def open_new(path: Path, mode: int = 0o644) -> BinaryIO:
-    """Create a file for writing; an existing file or link of that name is removed first.
-
-    Raises
-    ------
-    OSError
-        If it cannot be created.
-    """
-    with contextlib.suppress(FileNotFoundError):
-        path.unlink()
-    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, mode)
-    return os.fdopen(fd, "wb")
-
-
 def replace_file(path: Path, data: bytes, mode: int = 0o644) -> None:
     """Write a file atomically; see :func:`replacing`."""
     with replacing(path, mode) as file:
@@ -103,7 +89,10 @@ def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
             raise OSError(errno.EEXIST, f"{cause}, not a file", str(path))
     draft = path.with_name(f".{path.name}.partial")
     try:
-        with open_new(draft, mode) as file:
+        with contextlib.suppress(FileNotFoundError):
+            draft.unlink()
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+        with os.fdopen(os.open(draft, flags, mode), "wb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())

@@ -36,7 +36,7 @@ machine more than 6 s; longer makes users wait."""
 _MOST_STARVED = 10
 """How many times as long a worker may take that gets no processor time. Chosen: such a machine is stuck."""
 _LOOK_EVERY_S = 0.5
-"""Interval between looks at a worker that is late. Chosen."""
+"""Interval between looks at a worker that is late, and at its parent. Chosen."""
 _MEMORY = "FLATCLOTH_MEMORY_BYTES"
 _BYTES_PER_S = 20e6
 """The timeout is extended for a large file by the time that a slow disk needs to read it."""
@@ -209,8 +209,9 @@ def serve(answer: Callable[[Mapping[str, Any], Progress], Message], known: type[
     """Answer requests until the input ends; the main program of a worker.
 
     ``answer`` takes a request and a progress callback. Errors of type ``known`` are reported with
-    their own message.
+    their own message. The worker ends when its parent does, also if that was killed.
     """
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     # Libraries print to standard output: that must neither mix with the messages nor reach the user.
     out = os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -231,7 +232,10 @@ def _answered(
     out: BinaryIO,
 ) -> Message:
     def progress(share: float, text: str) -> None:
-        _write(out, Message({"progress": [share, text]}))
+        try:
+            _write(out, Message({"progress": [share, text]}))
+        except OSError:  # the parent was killed, which is no failure of the work
+            raise SystemExit(1) from None
 
     try:
         return answer(question.table, progress)
@@ -242,6 +246,13 @@ def _answered(
     except Exception as error:  # noqa: BLE001 - on a damaged file a library may raise anything
         text = "".join(c for c in " ".join(str(error).split()) if c.isprintable())[:200]
         return Message({"lost": f"failed ({type(error).__name__}: {text})"})
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_LOOK_EVERY_S)
+    # SystemExit would end this thread only, and an interrupt of the main thread would wait for compiled code.
+    os._exit(1)
 
 
 def memory_limit_bytes() -> int:

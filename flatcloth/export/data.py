@@ -7,10 +7,6 @@ import io
 import json
 import math
 import re
-import struct
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -28,9 +24,8 @@ from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Floats, R
 from flatcloth.engine.sheet import OTHER_FILE, floating_file, other_floating_file
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel, quaternion_wxyz
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
-from flatcloth.methods.answers import JoinedSides
 from flatcloth.recordings.files.text import shortened
-from flatcloth.session.journal import Pick
+from flatcloth.session.journal import Pick, SheetSide
 
 GARMENT, GRASPS = "garment.json", "grasps.json"
 FORMAT = "flatcloth-flattened/1"
@@ -57,46 +52,26 @@ Files = dict[str, Callable[[], bytes]]
 """Files to be written: each name with the function that makes its content."""
 
 
-def shape_files(
+def side_files(
+    side: SheetSide,
     view: FlattenedView,
-    picks: Iterable[Pick],
-    frames: GraspFrames,
     floating: Sequence[FlattenedView] = (),
-    named: Callable[[], Sequence[Pick]] = tuple,
-    other: Callable[[], Sequence[FlattenedView]] = tuple,
+    this: FlattenedView | None = None,
 ) -> Files:
-    """Return ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
+    """Return the arrays, the picture and the cloud of a side, as seen from its own outside.
 
-    Each floating piece is in ``floating-1.npz`` and so on, on a plane of its own. ``named``, ``other`` are
-    called when ``grasps.json`` is made.
-    """
-    return {
-        "flattened.npz": lambda: npz_bytes(view),
-        "flattened.png": lambda: png_bytes(view.rgb, view.valid),
-        "cloud.ply": lambda: ply_bytes(view),
-        GRASPS: lambda: json_bytes(grasps_document(view, picks, frames, named(), floating, other())),
-        **{floating_file(n): partial(npz_bytes, piece) for n, piece in enumerate(floating, start=1)},
-    }
-
-
-def other_files(sides: JoinedSides, this: FlattenedView) -> Files:
-    """Return the files of the other side, as seen from its own outside.
-
-    ``flattened-other.npz`` has the keys of ``flattened.npz`` and, if seams relate both sides,
-    ``this_from_other`` (:func:`this_from_other`); so has each ``floating-other-1.npz``.
+    Each floating piece is in a file of arrays of its own, on a plane of its own. If seams relate the side to
+    ``this``, the arrays have ``this_from_other`` (:func:`this_from_other`).
     """
 
-    def arrays(view: FlattenedView) -> bytes:
-        more = {"this_from_other": this_from_other(view, this)} if sides.is_related else {}
-        return npz_bytes(view, **more)
+    def arrays(own: FlattenedView) -> bytes:
+        return npz_bytes(own, **({} if this is None else {"this_from_other": this_from_other(own, this)}))
 
-    other, floating = sides.other.view, sides.other.floating
-    return {
-        _OF_OTHER_SIDE[0]: lambda: arrays(other),
-        _OF_OTHER_SIDE[1]: lambda: png_bytes(other.rgb, other.valid),
-        _OF_OTHER_SIDE[2]: lambda: ply_bytes(other),
-        **{other_floating_file(n): partial(arrays, piece) for n, piece in enumerate(floating, start=1)},
-    }
+    names = ("flattened.npz", "flattened.png", "cloud.ply") if side == "this" else _OF_OTHER_SIDE
+    makes = (lambda: arrays(view), lambda: png_bytes(view.rgb, view.valid), lambda: ply_bytes(view))
+    piece_file = floating_file if side == "this" else other_floating_file
+    pieces = {piece_file(n): partial(arrays, piece) for n, piece in enumerate(floating, start=1)}
+    return {**dict(zip(names, makes, strict=True)), **pieces}
 
 
 def this_from_other(other: FlattenedView, this: FlattenedView) -> Float64:
@@ -160,11 +135,6 @@ _ARRAYS: dict[str, tuple[Any, ...]] = {
     "placement_std_m": (np.float32,),
 }
 """Type of each array of ``flattened.npz``, and its channels."""
-_MISFITS = (
-    OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, SyntaxError, RuntimeError,
-    MemoryError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
-)  # fmt: skip
-"""Exceptions of zipfile and numpy for a damaged or invalid file."""
 
 
 def read_shape(path: Path) -> FlattenedView:
@@ -178,7 +148,7 @@ def read_shape(path: Path) -> FlattenedView:
     try:
         with open_plain(path) as file, np.load(file, allow_pickle=False) as data:
             return _shape_of(data)
-    except _MISFITS as error:
+    except Exception as error:  # zipfile and numpy raise many things of a damaged file
         cause = (
             error.strerror if isinstance(error, OSError) and error.strerror else shortened(str(error), 120)
         )
@@ -186,7 +156,7 @@ def read_shape(path: Path) -> FlattenedView:
 
 
 def _shape_of(data: Any) -> FlattenedView:
-    """Return the view of an archive; raises one of ``_MISFITS`` if it is not valid."""
+    """Return the view of an archive; raises ``ValueError`` or what numpy raises if it is not valid."""
     if sum(part.file_size for part in data.zip.infolist()) > _MOST_BYTES:
         raise ValueError(f"it unpacks to more than {_MOST_BYTES / 1e9:g} GB")
     if str(data["format"]) != FORMAT:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,39 +13,38 @@ from flatcloth.engine.sheet import floating_file
 from flatcloth.export.data import numbers
 from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.methods.answers import JoinedSides
-from flatcloth.session.journal import Pick
+from flatcloth.session.journal import Pick, SheetSide
 
 FORMAT = "flatcloth-garment/1"
 
 
-def garment_points(known: KnownGarment | str) -> list[Pick]:
-    """Return the named points that were seen, to be given as grasps; none if the kind is not known."""
+def named_points(known: KnownGarment | str, sides: JoinedSides | str | None = None) -> list[Pick]:
+    """Return the named points that were seen, to be given as grasps; none if the kind is not known.
+
+    Those that only the other side shows come last.
+    """
     if isinstance(known, str) or known.found.kind == NONE:
         return []
-    points: list[Pick] = []
-    for name, point in known.found.points.items():
-        shape = known.cloth_of(point)
-        if point.pixel is None:
-            continue
-        points.append(_pick(len(points) + 1, name, shape, point.pixel))
-    return points
+    seen: list[tuple[str, SheetSide, FlattenedView, tuple[int, int]]] = [
+        (name, "this", known.cloth_of(point), point.pixel)
+        for name, point in known.found.points.items()
+        if point.pixel is not None
+    ]
+    if isinstance(sides, JoinedSides):
+        beyond = points_on_other_side(known.found, sides)
+        seen += [(name, "other", sides.other.view, pixel) for name, pixel in beyond.items()]
+    return [pick_at(cloth, pixel, n, name, side) for n, (name, side, cloth, pixel) in enumerate(seen, 1)]
 
 
-def other_points(known: KnownGarment | str, sides: JoinedSides | str | None) -> list[Pick]:
-    """Return the named points that only the other side shows, as :func:`garment_points`."""
-    if isinstance(known, str) or not isinstance(sides, JoinedSides):
-        return []
-    found = points_on_other_side(known.found, sides)
-    first = len(garment_points(known)) + 1
-    points = [_pick(n, name, sides.other.view, pixel) for n, (name, pixel) in enumerate(found.items(), first)]
-    return [replace(point, side="other") for point in points]
-
-
-def _pick(number: int, name: str, cloth: FlattenedView, pixel: tuple[int, int]) -> Pick:
+def pick_at(
+    cloth: FlattenedView, pixel: tuple[int, int], number: int, name: str, side: SheetSide = "this"
+) -> Pick:
+    """Return a pick of the cloth of a side at a pixel."""
     row, col = cloth.source_rc[pixel].tolist()
     return Pick(
         id=number,
         name=name,
+        side=side,
         position_held_m=cloth.xyz_m[pixel].astype(np.float64),
         normal_held=cloth.normal[pixel].astype(np.float64),
         view_index=int(cloth.view_index[pixel]),
@@ -59,8 +57,7 @@ def garment_document(garment: KnownGarment, sides: JoinedSides | str | None = No
 
     A point that only the other side shows is seen there.
     """
-    beyond = points_on_other_side(garment.found, sides) if isinstance(sides, JoinedSides) else {}
-    other = sides.other.view if isinstance(sides, JoinedSides) else None
+    seen = {point.name: point for point in named_points(garment, sides)}
     found, shape = garment.found, garment.shape
     known = found.kind != NONE
     return {
@@ -72,9 +69,7 @@ def garment_document(garment: KnownGarment, sides: JoinedSides | str | None = No
             name: {"value": round(1e3 * d.value_m, 1), "std": round(1e3 * d.std_m, 1)}
             for name, d in (found.dimensions.items() if known else ())
         },
-        "points": {
-            name: _point(garment, name, beyond.get(name), other) for name in (found.points if known else ())
-        },
+        "points": {name: _point(garment, name, seen.get(name)) for name in (found.points if known else ())},
         "outline_uv_m": np.round(found.outline_uv_m - shape.origin_uv_m, 5).tolist() if known else [],
         "pieces": _pieces(garment) if known else {},
     }
@@ -84,27 +79,22 @@ def _sorted(probabilities: dict[str, float]) -> list[tuple[str, float]]:
     return sorted(probabilities.items(), key=lambda each: -each[1])
 
 
-def _point(
-    garment: KnownGarment, name: str, beyond: tuple[int, int] | None, other: FlattenedView | None
-) -> dict[str, Any]:
-    """Return a named point; ``beyond`` is its pixel of the other side, if only that shows it."""
+def _point(garment: KnownGarment, name: str, seen: Pick | None) -> dict[str, Any]:
+    """Return a named point; ``seen`` is its place on the cloth, if a side shows it."""
     point = garment.found.points[name]
-    pixel, cloth = point.pixel, garment.cloth_of(point)
-    if beyond is not None and other is not None:
-        pixel, cloth = beyond, other
     known: dict[str, Any] = {
         "uv_m": np.round(point.uv_m - garment.shape.origin_uv_m, 5).tolist(),
         "std_m": round(point.std_m, 5),
-        "seen": pixel is not None,
+        "seen": seen is not None,
         "held": name in garment.found.held,
     }
-    if pixel is not None:
+    if seen is not None:
         known |= {
-            "side": "this" if beyond is None else "other",
-            "xyz_m": numbers(cloth.xyz_m[pixel]),
-            "normal": numbers(cloth.normal[pixel]),
-            "view_index": int(cloth.view_index[pixel]),
-            "source_rc": numbers(cloth.source_rc[pixel], 3),
+            "side": seen.side,
+            "xyz_m": numbers(seen.position_held_m),
+            "normal": numbers(seen.normal_held),
+            "view_index": seen.view_index,
+            "source_rc": numbers(np.array(seen.source_rc), 3),
         }
     return known
 

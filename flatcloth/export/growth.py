@@ -40,23 +40,22 @@ class Kept:
     Parameters
     ----------
     garments : GarmentService, optional
-        Recognises the garment; by default each export has its own.
-    both : callable, optional
-        Returns the other side if it is known already.
+        Recognises the garment and joins the other side; by default one of its own.
+    both : callable
+        Returns whether the other side is known already.
     """
 
     def __init__(
-        self, garments: GarmentService | None = None, both: Callable[[], GarmentService | None] = lambda: None
+        self, garments: GarmentService | None = None, both: Callable[[], bool] = lambda: False
     ) -> None:
-        self.garments, self.both = garments, both
-        self._own: GarmentService | None = None
+        self._garments, self.both = garments, both
         self.values: Cache[Any] = Cache(_MOST, _MOST_BYTES)
 
-    def both_of(self, integration: Integration) -> GarmentService:
-        """Return the other side of an integration, the same one for all exports (cached)."""
-        if self._own is None or self._own.integration is not integration:
-            self._own = GarmentService(integration)
-        return self._own
+    def garments_of(self, integration: Integration) -> GarmentService:
+        """Return what recognises the garment of an integration, the same one for all exports."""
+        if self._garments is None or self._garments.integration is not integration:
+            self._garments = GarmentService(integration)
+        return self._garments
 
 
 def key_of(axis: RotationAxis, document: Document) -> Hashable:

@@ -32,24 +32,19 @@ _TOLERANCE_PX = 0.75
 """Largest distance of the polygon from the pixel edges: it removes the raster steps and little else."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Piece:
-    """One connected piece of cloth on the plane, metres.
+Piece = tuple[Float64, ...]
+"""The rims (K, 2) of one connected piece of cloth on the plane, m: the outer one, then those of its holes.
 
-    ``outer`` (K, 2) runs with the cloth on its right, as seen from outside; each of the ``holes``
-    (K, 2) runs the other way. The first point is not repeated.
-    """
-
-    outer: Float64
-    holes: tuple[Float64, ...]
-
-    @property
-    def area_m2(self) -> float:
-        """Area of the polygon without its holes."""
-        return signed_area(self.outer) + sum(signed_area(hole) for hole in self.holes)
+The outer one runs with the cloth on its right, as seen from outside, the others the other way. No point is
+repeated at the end."""
 
 
-def outline(view: FlattenedView, least_area_m2: float = 1e-4) -> tuple[Piece, ...]:
+def area_of(piece: Piece) -> float:
+    """Return the area of a piece without its holes."""
+    return sum(map(signed_area, piece))
+
+
+def outline(view: FlattenedView, least_area_m2: float = 1e-4) -> list[Piece]:
     """Return the pieces of cloth, the largest first.
 
     The outline runs between pixels with and without cloth, so areas are those of the pixels.
@@ -67,16 +62,15 @@ def outline(view: FlattenedView, least_area_m2: float = 1e-4) -> tuple[Piece, ..
         If no piece is large enough.
     """
     label, _ = ndimage.label(view.valid)
-    pieces = []
+    pieces: list[Piece] = []
     for number, window in enumerate(ndimage.find_objects(label), start=1):
         corner = np.array([window[0].start, window[1].start])
         outer, *holes = (view.uv_from_rc(corner + rim) for rim in _rims(label[window] == number))
         if signed_area(outer) > 0 and signed_area(outer) >= least_area_m2:
-            large = tuple(hole for hole in holes if -signed_area(hole) >= least_area_m2)
-            pieces.append(Piece(outer=outer, holes=large))
+            pieces.append((outer, *(hole for hole in holes if -signed_area(hole) >= least_area_m2)))
     if not pieces:
         raise FlatclothError("There is no cloth with an outline. Step first.")
-    return tuple(sorted(pieces, key=lambda piece: -piece.area_m2))
+    return sorted(pieces, key=area_of, reverse=True)
 
 
 def signed_area(polygon: Float64) -> float:
@@ -135,7 +129,7 @@ class Drawing:
     """Pieces in mm from the upper left corner of their bounding box, x right and y down, with its size."""
 
     name: str
-    pieces: tuple[tuple[Float64, tuple[Float64, ...]], ...]
+    pieces: tuple[Piece, ...]
     size_mm: tuple[float, float]
     origin_uv_mm: tuple[float, float]
     area_cm2: float
@@ -156,18 +150,15 @@ def drawing(
         If there is no cloth.
     """
     turn = Rigid2(theta_rad=turn_rad)
-    pieces = [
-        Piece(outer=turn.apply(piece.outer), holes=tuple(turn.apply(hole) for hole in piece.holes))
-        for piece in outline(view)
-    ]
-    corner = 1e3 * np.min([p.outer.min(axis=0) for p in pieces], axis=0)
-    far = 1e3 * np.max([p.outer.max(axis=0) for p in pieces], axis=0)
+    pieces = [tuple(1e3 * turn.apply(rim) for rim in piece) for piece in outline(view)]
+    outer = np.concatenate([piece[0] for piece in pieces])
+    corner, far = outer.min(axis=0), outer.max(axis=0)
     return Drawing(
         name=name,
-        pieces=tuple((1e3 * p.outer - corner, tuple(1e3 * h - corner for h in p.holes)) for p in pieces),
+        pieces=tuple(tuple(rim - corner for rim in piece) for piece in pieces),
         size_mm=(float(far[0] - corner[0]), float(far[1] - corner[1])),
         origin_uv_mm=(float(corner[0]), float(corner[1])),
-        area_cm2=1e4 * sum(p.area_m2 for p in pieces),
+        area_cm2=1e-2 * sum(map(area_of, pieces)),
         pixel_size_mm=1e3 * view.pixel_size_m,
         other=None if other is None else drawing(other, name, -turn_rad),
     )
@@ -209,10 +200,7 @@ def svg(drawn: Drawing) -> str:
 
 
 def _group(name: str, drawn: Drawing, at_mm: tuple[float, float]) -> list[str]:
-    paths = [
-        f'<path d="{_path(outer + at_mm)}{"".join(_path(hole + at_mm) for hole in holes)}"/>'
-        for outer, holes in drawn.pieces
-    ]
+    paths = [f'<path d="{"".join(_path(rim + at_mm) for rim in piece)}"/>' for piece in drawn.pieces]
     style = 'fill="none" fill-rule="evenodd" stroke="#000" stroke-width="0.25"'
     return [f'<g id="{name}" {style}>', *paths, "</g>"]
 
@@ -242,10 +230,9 @@ def dxf(drawn: Drawing) -> str:
     pairs += [(0, "ENDTAB"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
     own, its, (_, height_mm) = _opened(drawn)
     for side, at_mm, prefix in ((drawn, own, ""), (drawn.other, its, "OTHER_")):
-        for outer, holes in () if side is None else side.pieces:
-            pairs += _polyline(f"{prefix}OUTLINE", outer + at_mm, height_mm)
-            for hole in holes:
-                pairs += _polyline(f"{prefix}HOLES", hole + at_mm, height_mm)
+        for piece in () if side is None else side.pieces:
+            for n, rim in enumerate(piece):
+                pairs += _polyline(f"{prefix}{'HOLES' if n else 'OUTLINE'}", rim + at_mm, height_mm)
     pairs += [(0, "ENDSEC"), (0, "EOF")]
     return "".join(f"{code}\n{value}\n" for code, value in pairs)
 
@@ -272,7 +259,7 @@ def polygons(drawn: Drawing) -> str:
         "pixel_size_mm": drawn.pixel_size_mm,
         "area_cm2": round(drawn.area_cm2, 2),
         "pieces": [
-            {"outer": plain(outer), "holes": [plain(h) for h in holes]} for outer, holes in drawn.pieces
+            {"outer": plain(outer), "holes": list(map(plain, holes))} for outer, *holes in drawn.pieces
         ],
     }
     if drawn.other is not None:

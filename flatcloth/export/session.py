@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,15 +19,16 @@ from flatcloth.engine.outcome import has_other_side, outcome_of, outcome_text, s
 from flatcloth.engine.sheet import Sheet, lay_out, sheet_of, with_placed_pieces
 from flatcloth.export.data import (
     GARMENT,
+    GRASPS,
     Files,
     GraspFrames,
+    grasps_document,
     json_bytes,
-    other_files,
     remove_stale,
-    shape_files,
+    side_files,
     write_files,
 )
-from flatcloth.export.garment import garment_document, garment_points, other_points, outcome_entry
+from flatcloth.export.garment import garment_document, named_points, outcome_entry
 from flatcloth.export.growth import Growth, Kept, colors_of, grow, key_of
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.garments.deciding import decided_pieces
@@ -104,21 +105,22 @@ class SessionData:
 
     def files(self) -> Files:
         """Return all files, each with the function that makes it; the report comes last."""
-        shape = self.canonical
+        shape, sides, garment = self.canonical, self.sides, self.garment
+        files = side_files("this", shape.view, shape.floating)
+        other: tuple[FlattenedView, ...] = ()
+        if isinstance(sides, JoinedSides):
+            view, floating = sides.other.view, sides.other.floating
+            other = (view, *floating)
+            files |= side_files("other", view, floating, shape.view if sides.is_related else None)
 
-        def named() -> list[Pick]:
-            return [*garment_points(self.garment), *other_points(self.garment, self.sides)]
+        def grasps() -> bytes:
+            named = named_points(garment, sides)
+            told = grasps_document(shape.view, self.picks, self.frames, named, shape.floating, other)
+            return json_bytes(told)
 
-        def other() -> Sequence[FlattenedView]:
-            sides = self.sides
-            return (sides.other.view, *sides.other.floating) if isinstance(sides, JoinedSides) else ()
-
-        files = shape_files(shape.view, self.picks, self.frames, shape.floating, named, other)
-        if isinstance(self.sides, JoinedSides):
-            files |= other_files(self.sides, shape.view)
-        garment = self.garment
+        files[GRASPS] = grasps
         if not isinstance(garment, str):
-            files[GARMENT] = lambda: json_bytes(garment_document(garment, self.sides))
+            files[GARMENT] = lambda: json_bytes(garment_document(garment, sides))
         files[OUTCOME] = lambda: outcome_text(self.outcome).encode()
         return files
 
@@ -166,14 +168,11 @@ class OpenedSession:
         return grow(self.integration, self.history, self.progress, self.kept)
 
     @cached_property
-    def both(self) -> GarmentService | None:
-        """The other side, if the session has it: its page or an unattended run computed it, or uses it."""
-        kept = self.kept.both()
-        if kept is not None:
-            return kept
+    def has_both(self) -> bool:
+        """Whether the session has the other side: its page or an unattended run computed it, or uses it."""
         begun, picks = self.history.begun, self.history.picks
         used = begun.garment.seams or any(pick.side == "other" for pick in picks)
-        return self.kept.both_of(self.integration) if used or has_other_side(self.history.folder) else None
+        return self.kept.both() or bool(used) or has_other_side(self.history.folder)
 
     def view_of(self, side: SheetSide) -> FlattenedView | None:
         """Return the cloth of a side, floating pieces included; None if it is not known."""
@@ -235,14 +234,14 @@ class OpenedSession:
     @cached_property
     def data(self) -> SessionData:
         """The data files; grasp poses are at the item's present rotation."""
-        history, both = self.history, self.both
+        history, garments = self.history, self.kept.garments_of(self.integration)
         return SessionData(
             self.integration,
             history.begun,
             history.picks,
             frames_of(self.integration, history.document, history.grips),
-            self.kept.garments or both or GarmentService(self.integration),
-            None if both is None else lambda document: both.joined(document, self.progress),
+            garments,
+            (lambda document: garments.joined(document, self.progress)) if self.has_both else None,
         )
 
 

@@ -73,12 +73,10 @@ def recording_from_arrays(
     size = colors[0].shape[:2]
     units = _images("depth", depth, count, (*whole, "f2", "f4", "f8"), (), "Give numbers (H, W).", size)
     depths = [_metres(f"depth[{n}]", image, depth_scale_m) for n, image in enumerate(units)]
-    found: list[Bool] | None = None
+    found: list[Bool | None] = [None] * count
     if masks is not None:
-        found = [
-            image != 0
-            for image in _images("masks", masks, count, ("b1", *whole), (), "Give bool (H, W).", size)
-        ]
+        bools = ("b1", *whole)
+        found = [image != 0 for image in _images("masks", masks, count, bools, (), "Give bool (H, W).", size)]
     axis = None
     if rotation_axis is not None:
         given, fail = rotation_axis, failing("rotation_axis direction")
@@ -94,8 +92,8 @@ def recording_from_arrays(
         rotation_axis=axis,
         held_point_m=None if held_point_m is None else _vector("held_point_m", held_point_m),
         angles_deg=tuple(angles.tolist()),
-        has_masks=found is not None,
-        read=lambda n: ViewImages(colors[n], depths[n], None if found is None else found[n]),
+        has_masks=masks is not None,
+        read=lambda n: ViewImages(colors[n], depths[n], found[n]),
     )
 
 
@@ -133,12 +131,8 @@ def _images(
     if len(images) != count:
         failing(where)(f"has {len(images)} images for {count} angles", "Give one image per angle.")
     for n, image in enumerate(images):
-        if (
-            image.dtype.str[1:] not in kinds
-            or image.shape[2:] != channels
-            or image.ndim < 2
-            or not image.size
-        ):
+        is_image = image.ndim >= 2 and image.size and image.shape[2:] == channels
+        if not is_image or image.dtype.str[1:] not in kinds:
             failing(f"{where}[{n}]")(f"has the type {image.dtype} and the shape {image.shape}", give)
         rows, cols = size or images[0].shape[:2]
         if image.shape[:2] != (rows, cols):

@@ -1,15 +1,17 @@
-"""The recording that every source of RGB-D views returns."""
+"""The recording that every source of RGB-D views returns, and the interface of a format that reads them."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sized
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
+from flatcloth.recordings.options import SourceOptions
 
 
 class ViewImages(NamedTuple):
@@ -142,3 +144,31 @@ def fingerprint(recording: Recording) -> str:
     if mends := getattr(recording, "mends", None):
         content.append(mends.to_dict())
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A format of sources: one module, listed in ``recordings.registry`` or by another package's entry point.
+
+    Parameters
+    ----------
+    name : str
+        One word, for ``--format`` and for manifests.
+    what : str
+        Description of such a source in messages: "a TUM RGB-D folder".
+    recognises : callable
+        Returns whether a path is such a source; must be quick and must not raise.
+    open : callable
+        Opens a source; raises ``RecordingError`` with one line, ``<file>: cause. remedy.``
+    refuses : tuple of str
+        Options that do not apply to such a source.
+    recordings_below : callable, optional
+        For data sets: returns the sources in a folder, in order; none if it is not such a folder.
+    """
+
+    name: str
+    what: str
+    recognises: Callable[[Path], bool]
+    open: Callable[[Path, SourceOptions], Recording]
+    refuses: tuple[str, ...] = ()
+    recordings_below: Callable[[Path], Sequence[Path]] | None = None

@@ -8,29 +8,27 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping
+import functools
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from flatcloth.core.decoding import fitted
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.subprocess_worker import Message, Worker, WorkerLostError, reader_errors_as, serve
 from flatcloth.core.types import Intrinsics, Progress, no_progress
-from flatcloth.recordings.base import Recording, ViewImages
-from flatcloth.recordings.film.angles import GivenAngles
+from flatcloth.recordings.base import Format, Recording, ViewImages
+from flatcloth.recordings.options import SourceOptions
 from flatcloth.recordings.ros.bag import MCAP, ROS_1, ZSTD, data_files
-from flatcloth.recordings.source import Format, SourceOptions
 
 _ROS_STARTS = (ROS_1, MCAP, b"SQLite format 3\0", ZSTD)
 _ABOUT = ("name", "description", "location", "notes", "angles_deg")
-_REFUSED = ("camera_file", "fov_deg", "turning_deg", "sweep")
 
 
 def open_isolated(
     kind: str,
     path: Path,
-    angles: GivenAngles,
+    options: SourceOptions,
     align: str | None = None,
     progress: Progress = no_progress,
 ) -> Recording:
@@ -42,8 +40,8 @@ def open_isolated(
         ``realsense`` or ``ros``.
     path : Path
         File or folder.
-    angles : GivenAngles
-        The table of angles, and the step.
+    options : SourceOptions
+        What the user knows of the angles.
     align : str, optional
         The camera whose pixels are kept, of a RealSense file.
     progress : callable
@@ -66,8 +64,8 @@ def open_isolated(
         ):
             return worker.ask(question, progress)
 
-    given = {"table": angles.table and str(angles.table), "step_deg": angles.step_deg}
-    about = ask({"kind": kind, "path": str(path), "angles": given, "align": align}, progress).table
+    question = {"kind": kind, "path": str(path), "options": options.to_dict(), "align": align}
+    about = ask(question, progress).table
     lists = {name: tuple(about[name]) for name in ("notes", "angles_deg")}
     return Recording(
         **{**about, **lists, "intrinsics": Intrinsics(**about["intrinsics"])},
@@ -93,30 +91,24 @@ def _is_ros(path: Path) -> bool:
     return False
 
 
-def _format(kind: str, what: str, recognises: Callable[[Path], bool]) -> Format:
-    def opened(path: Path, options: SourceOptions) -> Recording:
-        options.refuse(str(path), *_REFUSED)
-        return open_isolated(kind, path, options.given_angles)
-
-    return Format(name=kind, what=what, recognises=recognises, open=opened)
-
-
-REALSENSE = _format("realsense", "a RealSense .db3 or .bag", _is_realsense)
-ROS = _format("ros", "a ROS .mcap or .bag", _is_ros)
+_REFUSED = ("camera_file", "fov_deg", "turning_deg", "sweep")
+REALSENSE = Format(
+    name="realsense",
+    what="a RealSense .db3 or .bag",
+    recognises=_is_realsense,
+    open=functools.partial(open_isolated, "realsense"),
+    refuses=_REFUSED,
+)
+ROS = Format(
+    name="ros",
+    what="a ROS .mcap or .bag",
+    recognises=_is_ros,
+    open=functools.partial(open_isolated, "ros"),
+    refuses=_REFUSED,
+)
 
 
 # --- the worker ------------------------------------------------------------------------------
-
-
-def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
-    path, angles = Path(question["path"]), fitted(question["angles"], GivenAngles)
-    if question["kind"] == "ros":
-        from flatcloth.recordings.ros.recording import open_ros
-
-        return open_ros(path, angles, progress)
-    from flatcloth.recordings.realsense.turned import open_realsense
-
-    return open_realsense(path, angles, question["align"], progress)
 
 
 def main() -> None:
@@ -127,7 +119,15 @@ def main() -> None:
         if "view" in question:
             frame = recordings[0][question["view"]]
             return Message({}, {"color": frame.color, "depth_m": frame.depth_m})
-        recordings.append(_opened(question, progress))
+        path, options = Path(question["path"]), SourceOptions.from_dict(question["options"], "the options")
+        if question["kind"] == "ros":
+            from flatcloth.recordings.ros.recording import open_ros
+
+            recordings.append(open_ros(path, options, progress))
+        else:
+            from flatcloth.recordings.realsense.turned import open_realsense
+
+            recordings.append(open_realsense(path, options, question["align"], progress))
         about = {name: getattr(recordings[0], name) for name in _ABOUT}
         return Message({**about, "intrinsics": dataclasses.asdict(recordings[0].intrinsics)})
 

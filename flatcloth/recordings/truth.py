@@ -11,7 +11,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Bool, Float32, Uint8
 from flatcloth.recordings.base import check_index
 from flatcloth.recordings.files import images
-from flatcloth.recordings.manifest import HEADER, read_manifest
+from flatcloth.recordings.folder import HEADER, open_folder
 
 _UNITS_PER_M = 20000.0
 """The format: 16 bits in units of 0.05 mm ..."""
@@ -45,9 +45,9 @@ class Truth:
     """
 
     def __init__(self, folder: str | Path) -> None:
-        self._manifest = manifest = read_manifest(Path(folder))
-        header, file = manifest.truth, manifest.folder / HEADER
-        if header is None or any(v.truth is None for v in manifest.views):
+        self._recording = recording = open_folder(Path(folder))
+        header, file = recording.truth, Path(recording.location) / HEADER
+        if header is None or any(view.truth is None for view in recording.files):
             raise RecordingError(f"{file}: has no truth. Only a synthetic recording can be evaluated.")
         panel = header.get("panel_of_interest") if isinstance(header, dict) else None
         if isinstance(panel, bool) or panel not in (1, 2):
@@ -59,7 +59,7 @@ class Truth:
 
     def __len__(self) -> int:
         """Return the number of views."""
-        return len(self._manifest.views)
+        return len(self._recording)
 
     def __getitem__(self, view_index: int) -> TrueView:
         """Read the truth of one view.
@@ -72,10 +72,10 @@ class Truth:
             If its image is missing, damaged, or of the wrong kind or size.
         """
         check_index(self, view_index)
-        path = self._manifest.views[view_index].truth
+        path = self._recording.files[view_index].truth
         assert path is not None  # checked by the constructor
-        images.read_checked(path, "truth", self._manifest.intrinsics)
-        undistort = self._manifest.lens.undistort
+        images.read_checked(path, "truth", self._recording.intrinsics)
+        undistort = self._recording.lens.undistort
         bgr = undistort(images.decode_raw(path, np.uint16), blend=False)
         code = bgr[..., 0].astype(np.uint8)
         panel: Uint8 = code & np.uint8(_OUTER_FACE - 1)

@@ -26,8 +26,7 @@ from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Bool, Float32, Intrinsics, Progress, RotationAxis, Uint8, no_progress
 from flatcloth.recordings.base import Recording, fingerprint
 from flatcloth.recordings.film.angles import check_distinct
-from flatcloth.recordings.folder import open_folder
-from flatcloth.recordings.manifest import FORMAT, HEADER, RecordingHeader
+from flatcloth.recordings.folder import HEADER, HEADER_FORMAT, RecordingHeader, open_folder
 
 Uint16 = NDArray[np.uint16]
 
@@ -84,7 +83,7 @@ class RecordingWriter:
         self.folder = Path(folder)
         self._intrinsics = intrinsics
         self._header: dict[str, Any] = {
-            "format": FORMAT,
+            "format": HEADER_FORMAT,
             "name": name,
             "description": description,
             "intrinsics": {**asdict(intrinsics), "distortion_model": "none", "distortion": []},
@@ -155,17 +154,11 @@ class RecordingWriter:
             view cannot be written; the recording then stays unchanged.
         """
         index = len(self._views)
-        images: dict[str, Any] = {
-            "color": self._checked("color", color_rgb, np.uint8, 3)[..., ::-1],
-            "depth": self._checked("depth", depth_units, np.uint16, 1),
-        }
         if mask is not None:
-            shown = np.asarray(mask)
-            shown = np.where(shown, 255, 0).astype(np.uint8) if shown.dtype == np.bool_ else shown
-            images["mask"] = self._checked("mask", shown, np.uint8, 1)
-        if truth_bgr is not None:
-            images["truth"] = self._checked("truth", truth_bgr, np.uint16, 3)
-        self._check_view(angle_deg, images)
+            mask = np.where(mask, 255, 0).astype(np.uint8) if np.asarray(mask).dtype == np.bool_ else mask
+        given = {"color": color_rgb, "depth": depth_units, "mask": mask, "truth": truth_bgr}
+        images = self._checked(angle_deg, {kind: np.asarray(g) for kind, g in given.items() if g is not None})
+        images["color"] = images["color"][..., ::-1]
         view: dict[str, Any] = {"angle_deg": round(float(angle_deg), 6) + 0.0}
         # A recording that was edited by hand may use any file name for any view.
         used = {Path(str(file)).stem for view in self._views for file in view.values()}
@@ -227,7 +220,7 @@ class RecordingWriter:
                 f"{path}: not a recording that can be resumed ({error}). Choose another folder."
             ) from error
         camera, own = kept.intrinsics, self._header["intrinsics"]
-        same = header.get("format") == FORMAT and not any(camera.distortion)
+        same = header.get("format") == HEADER_FORMAT and not any(camera.distortion)
         same &= math.isclose(kept.depth_scale_m, self._header["depth_scale_m"], rel_tol=1e-6)
         names = ("width", "height", "fx", "fy", "cx", "cy")
         if not same or any(abs(getattr(camera, name) - own[name]) >= _SAME_CAMERA_PX for name in names):
@@ -241,35 +234,34 @@ class RecordingWriter:
         text = json.dumps({**self._header, "views": views}, indent=1, allow_nan=False) + "\n"
         replace_file(self.folder / HEADER, text.encode())
 
-    # --- checks ------------------------------------------------------------------------------
-
-    def _check_view(self, angle_deg: float, images: dict[str, Any]) -> None:
-        where = f"{self.folder}: view {len(self._views)}"
+    def _checked(self, angle_deg: float, images: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Return the images of the next view if they and its angle fit."""
+        where, size = f"{self.folder}: view {len(self)}", (self._intrinsics.height, self._intrinsics.width)
         if self._lock_fd is None:
             raise RecordingError(f"{self.folder}: the recording is closed. Open it again with resume=True.")
         if not math.isfinite(angle_deg) or abs(angle_deg) > 3600:
             raise RecordingError(f"{where} has the angle {angle_deg}. Give degrees since view 0.")
-        names = [f"view {n}" for n in range(len(self._views) + 1)]
+        names = [f"view {n}" for n in range(len(self) + 1)]
         check_distinct([*self.angles_deg, angle_deg], f"{self.folder}:", names)
-        if not images["depth"].any():
-            raise RecordingError(f"{where} has no depth, every pixel is 0. Record it again.")
-        for kind in ("mask", "truth"):
-            if self._views and (kind in self._views[0]) != (kind in images):
-                which = "no" if kind in self._views[0] else "a"
+        for kind, (dtype, channels) in _IMAGES.items():
+            image, wanted = images.get(kind), (*size, *channels)
+            if image is not None and (image.dtype != dtype or image.shape != wanted):
+                what = f"is {image.dtype} {image.shape}, not {np.dtype(dtype)} {wanted}"
+                raise RecordingError(f"{self.folder}: the {kind} image of view {len(self)} {what}.")
+            if self._views and (kind in self._views[0]) != (image is not None):
+                which = "no" if image is None else "a"
                 raise RecordingError(
                     f"{where} has {which} {kind}, unlike view 0. Give all views one, or none."
                 )
+        if not images["depth"].any():
+            raise RecordingError(f"{where} has no depth, every pixel is 0. Record it again.")
+        return images
 
-    def _checked(self, kind: str, pixels: Any, dtype: type[np.generic], channels: int) -> Any:
-        wanted: tuple[int, ...] = (self._intrinsics.height, self._intrinsics.width)
-        wanted = wanted if channels == 1 else (*wanted, channels)
-        array = np.asarray(pixels)
-        if array.dtype != dtype or array.shape != wanted:
-            raise RecordingError(
-                f"{self.folder}: the {kind} image of view {len(self._views)} is {array.dtype} "
-                f"{array.shape}, not {np.dtype(dtype)} {wanted}."
-            )
-        return array
+
+_IMAGES: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
+    "color": (np.uint8, (3,)), "depth": (np.uint16, ()), "mask": (np.uint8, ()), "truth": (np.uint16, (3,)),
+}  # fmt: skip
+"""The type and the channels of each image of a view."""
 
 
 def _png(pixels: Any) -> bytes:

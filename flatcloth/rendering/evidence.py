@@ -41,31 +41,26 @@ def evidence(recording: Recording, finding: Finding) -> Uint8 | None:
     """
     if finding.views is None:
         return None
-    told = [("as recorded", recording)]
-    if finding.mends:
-        told.append((f"with {finding.mends[0].words()}"[:60], mended(recording, finding.mends[0])))
-    draw = _turned if len(set(finding.views)) > 1 else _outlined
-    pictures = []
-    for text, made in told:  # a mended recording may have fewer views
-        views: tuple[int, ...] = finding.views
-        if len(made) != len(recording):
-            views = tuple(min(view, len(made) - 1) for view in views)
-        pictures.append(_captioned(_fitted(draw(made, views)), text))
-    gap = np.full((pictures[0].shape[0], _GAP_PX, 3), _PAPER, np.uint8)
-    return np.concatenate([pictures[0], *(part for p in pictures[1:] for part in (gap, p))], axis=1)
+    return mistaken(recording, finding.views, {f"with {m.words()}"[:60]: m for m in finding.mends[:1]})
 
 
 def mistaken(recording: Recording, views: tuple[int, int], mistakes: Mapping[str, Mends]) -> Uint8:
-    """Return a picture (H, W, 3) of two views laid on each other as recorded, and with mistakes, each named.
+    """Return a picture (H, W, 3) of two views laid on each other as recorded, and with mends, each named.
+
+    Of one view it is the color with outlines; see :func:`evidence`.
 
     Raises
     ------
     RecordingError
         If the views cannot be read.
     """
-    told = {"as recorded": recording, **{text: mended(recording, m) for text, m in mistakes.items()}}
-    pictures = [_captioned(_fitted(_turned(made, views)), text) for text, made in told.items()]
-    return np.concatenate(pictures, axis=1)
+    draw, pictures = _turned if len(set(views)) > 1 else _outlined, []
+    for text, mends in {"as recorded": Mends(), **mistakes}.items():
+        made = mended(recording, mends)  # it may have fewer views
+        shown = views if len(made) == len(recording) else tuple(min(view, len(made) - 1) for view in views)
+        pictures.append(_captioned(_fitted(draw(made, shown)), text))
+    gap = np.full((pictures[0].shape[0], _GAP_PX, 3), _PAPER, np.uint8)
+    return np.concatenate([pictures[0], *(part for p in pictures[1:] for part in (gap, p))], axis=1)
 
 
 def _turned(recording: Recording, views: tuple[int, ...]) -> Uint8:

@@ -18,8 +18,6 @@ from flatcloth.session.garment import GarmentDecisions
 UNSURE = "score too low"
 """Reason of an automatic rejection: such a view may be tried again once the shape has grown."""
 
-MAX_EXTENT_M = 10.0
-"""Largest coordinate on a garment's plane: curtains and bed linen are smaller than 6 m."""
 MAX_ANSWER_M = 1000.0
 """Farthest computed placement. Chosen: far above real ones, so that only damaged journals exceed it."""
 LEAST_MOVE_M = 0.00005

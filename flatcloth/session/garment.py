@@ -6,38 +6,45 @@ in the object frame, and on the plane at the time of the decision.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, is_dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated
 
+import msgspec
+from msgspec import Meta
+
+from flatcloth.core.decoding import MisfitError, fitted
 from flatcloth.core.errors import OutOfBoundsError
 
-Point2 = tuple[float, float]
-Point3 = tuple[float, float, float]
-
+MAX_EXTENT_M = 10.0
+"""Largest coordinate on a garment's plane: curtains and bed linen are smaller than 6 m."""
 MOST_HELD = 64
 """Points that can be held: a kind has at most 20."""
 MOST_PIECES = 256
-"""Limits of what a decision may contain. Chosen: far above what the page sends."""
-_MOST_CLOTH = 64
-"""See ``MOST_PIECES``."""
-_MAX_NAME = 40
-"""See ``MOST_PIECES``."""
+"""Limits of what a decision may contain, as those in its types. Chosen: far above what the page sends."""
+Number = Annotated[float, Meta(ge=-MAX_EXTENT_M, le=MAX_EXTENT_M)]
+Name = Annotated[str, Meta(min_length=1, max_length=40)]
+Point2 = tuple[Number, Number]
+Points3 = Annotated[tuple[tuple[Number, Number, Number], ...], Meta(min_length=3, max_length=64)]
 
 
 @dataclass(frozen=True)
 class ClothPlaces:
     """Points of the cloth in the object frame, and their places on the plane of the shape."""
 
-    points_m: tuple[Point3, ...]
+    points_m: Points3
     uv_m: tuple[Point2, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse points without a place."""
+        if len(self.points_m) != len(self.uv_m):
+            raise ValueError("each point needs a place")
 
 
 @dataclass(frozen=True)
 class HeldPoint:
     """A named point that lies at a place of the plane because an operator put it there."""
 
-    name: str
+    name: Name
     uv_m: Point2
     cloth: ClothPlaces
 
@@ -54,8 +61,8 @@ class PlacedPiece:
     accepted: bool
     piece: ClothPlaces
     shape: ClothPlaces
-    probability: float
-    std_m: float = 0.0
+    probability: Number
+    std_m: Number = 0.0
     by_hand: bool = False
 
 
@@ -71,8 +78,8 @@ class DoubtedPart:
     taken_off: bool
     part: ClothPlaces
     rest: ClothPlaces
-    probability: float
-    std_m: float = 0.0
+    probability: Number
+    std_m: Number = 0.0
     by_hand: bool = False
 
 
@@ -84,7 +91,7 @@ class DecidedSeam:
     """
 
     kept: bool
-    points_m: tuple[Point3, ...]
+    points_m: Points3
 
 
 @dataclass(frozen=True)
@@ -105,7 +112,7 @@ class GarmentDecisions:
 class SetKind:
     """Set the kind of the garment; None: use the evidence."""
 
-    garment: str | None = None
+    garment: Name | None = None
 
 
 @dataclass(frozen=True)
@@ -165,27 +172,18 @@ def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
     return None
 
 
-def check_bounds(command: GarmentCommand, extent_m: float) -> None:
-    """Refuse places that no garment reaches; ``extent_m`` is the extent of its plane.
+def check_bounds(command: GarmentCommand) -> None:
+    """Refuse names and places that no garment has; the types of a decision have their bounds.
 
     Raises
     ------
     OutOfBoundsError
-        If a number is not finite or too large, or a list is too long.
+        If a number is not finite or too large, or a text or list is too long; the message names it.
     """
-    for cloth in _cloths(command):
-        if not 3 <= len(cloth.points_m) == len(cloth.uv_m) <= _MOST_CLOTH:
-            raise OutOfBoundsError(f"A place needs 3 to {_MOST_CLOTH} points of cloth.")
-    if isinstance(command, DecideSeam) and not 3 <= len(command.seam.points_m) <= _MOST_CLOTH:
-        raise OutOfBoundsError(f"A seam needs 3 to {_MOST_CLOTH} places.")
-    for value in _numbers(command):
-        if not abs(value) <= extent_m:
-            raise OutOfBoundsError(
-                f"A place {value:.3g} m away is beyond any garment, whose plane reaches {extent_m:g} m."
-            )
-    name = command.point.name if isinstance(command, HoldPoint) else getattr(command, "garment", None)
-    if name is not None and not 0 < len(name) <= _MAX_NAME:
-        raise OutOfBoundsError(f"A name has 1 to {_MAX_NAME} characters.")
+    try:
+        fitted(msgspec.to_builtins(command, enc_hook=float), type(command))
+    except MisfitError as error:
+        raise OutOfBoundsError(f"No garment has this: {error}.") from error
 
 
 def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, GarmentDecisions]:
@@ -217,21 +215,3 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
 def without_doubts(decisions: GarmentDecisions) -> GarmentDecisions:
     """Return the decisions of the operator, without the links that a run only doubts."""
     return replace(decisions, parts=tuple(part for part in decisions.parts if not part.std_m))
-
-
-def _cloths(value: Any) -> Iterator[ClothPlaces]:
-    """Yield the points of the cloth in a decision."""
-    if isinstance(value, ClothPlaces):
-        yield value
-    elif is_dataclass(value):
-        for each in vars(value).values():
-            yield from _cloths(each)
-
-
-def _numbers(value: Any) -> Iterator[float]:
-    """Yield all numbers in a decision."""
-    if isinstance(value, float | int):
-        yield value
-    elif is_dataclass(value) or isinstance(value, tuple):
-        for each in value if isinstance(value, tuple) else vars(value).values():
-            yield from _numbers(each)

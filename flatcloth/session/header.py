@@ -17,11 +17,11 @@ from typing import Any
 import msgspec
 
 from flatcloth.core.config import Config
-from flatcloth.core.decoding import fitted, parse_json
-from flatcloth.core.errors import ConfigError, JournalError, os_errors_as
-from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.core.decoding import fitted
+from flatcloth.core.errors import ConfigError, JournalError
 from flatcloth.recordings.base import Recording, fingerprint, source_options
 from flatcloth.recordings.writer import GrowingRecording
+from flatcloth.session.kept import read_kept, write_kept
 
 FORMAT = "flatcloth-session/2"
 HEADER = "session.json"
@@ -90,26 +90,22 @@ def read_header(folder: Path) -> Header:
         If it is not a session folder, or its header is damaged; the message names the file.
     """
     path = folder / HEADER
-    try:
-        raw = parse_json(read_plain(path))
-        found = raw.get("format") if isinstance(raw, dict) else None
-        if found is not None and found != FORMAT:
-            raise JournalError(
-                f"{path}: format {found!r:.60} is not {FORMAT}, which this version reads. Use another folder."
-            )
-        header = fitted(raw, Header)
-        header.effective_config  # noqa: B018 - raises on unknown settings
-    except FileNotFoundError as error:
+    remedy = "Restore it from a copy, or use the version that wrote it. Otherwise use another folder."
+    raw = read_kept(path, dict[str, Any], remedy)
+    if raw is None:
         raise JournalError(
             f"{folder}: not a session folder, it has no {HEADER}. Name the folder of --out or --session."
-        ) from error
-    except OSError as error:
-        raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
-    except (ValueError, ConfigError) as error:
+        )
+    found = raw.get("format", FORMAT)
+    if found != FORMAT:
         raise JournalError(
-            f"{path}: not valid ({error}). Restore it from a copy, or use the version that"
-            " wrote it. Otherwise use another folder."
-        ) from error
+            f"{path}: format {found!r:.60} is not {FORMAT}, which this version reads. Use another folder."
+        )
+    try:
+        header = fitted(raw, Header)
+        header.effective_config  # noqa: B018 - raises on unknown settings
+    except (ValueError, ConfigError) as error:
+        raise JournalError(f"{path}: not valid ({error}). {remedy}") from error
     return header
 
 
@@ -138,9 +134,8 @@ def settle_header(
     Raises
     ------
     JournalError
-        If it describes another session, is damaged, or is missing although there is a journal.
-    OSError
-        If it cannot be written.
+        If it describes another session, is damaged, cannot be written, or is missing although there is a
+        journal.
     """
     path = folder / HEADER
     if path.exists():
@@ -189,13 +184,12 @@ def take_growth(folder: Path, recording: GrowingRecording) -> None:
     header = read_header(folder)
     had = header.recording.views
     if had < len(recording) and header.recording.fingerprint == recording.fingerprint_of(had):
-        with os_errors_as(JournalError, f"{folder / HEADER}: cannot be written", "Free disk space."):
-            write_header(folder, grown(header, recording))
+        write_header(folder, grown(header, recording))
 
 
 def write_header(folder: Path, header: Header) -> None:
-    """Write ``session.json``; raises ``OSError``."""
-    replace_file(folder / HEADER, json.dumps(msgspec.to_builtins(header), indent=1).encode() + b"\n")
+    """Write ``session.json``; raises ``JournalError``."""
+    write_kept(folder / HEADER, header)
 
 
 def _check(path: Path, kept: Header, recording: Recording, config: Config, method: str) -> None:

@@ -47,6 +47,8 @@ class Pick:
     side: SheetSide = "this"
 
 
+_ARRAYS = ("position_held_m", "normal_held")
+
 # --- the lines ------------------------------------------------------------------------------------
 
 Coordinate = float | None
@@ -219,16 +221,9 @@ class Replay:
 
 
 def _pick(added: PickAdded) -> Pick:
+    known = {name: np.array(getattr(added, name), dtype=np.float64) for name in _ARRAYS}
     row, col = (math.nan if x is None else x for x in added.source_rc)
-    return Pick(
-        id=added.id,
-        name=added.name,
-        position_held_m=np.array(added.position_held_m, dtype=np.float64),
-        normal_held=np.array(added.normal_held, dtype=np.float64),
-        view_index=added.view_index,
-        source_rc=(row, col),
-        side=added.side,
-    )
+    return Pick(**{**vars(added), **known, "source_rc": (row, col)})
 
 
 def read_journal(path: Path, data: bytes, replay: Replay) -> Iterator[tuple[Line, Replay]]:

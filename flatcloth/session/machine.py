@@ -23,7 +23,6 @@ from flatcloth.session import document as edits
 from flatcloth.session import garment as garments
 from flatcloth.session.document import (
     MAX_ANSWER_M,
-    MAX_EXTENT_M,
     MOST_PLACED_WITH,
     NO_COMPONENT,
     Document,
@@ -31,7 +30,7 @@ from flatcloth.session.document import (
     PlacedPart,
     Side,
 )
-from flatcloth.session.garment import GarmentCommand
+from flatcloth.session.garment import MAX_EXTENT_M, GarmentCommand
 
 # --- the operator's commands ----------------------------------------------------------------------
 
@@ -477,7 +476,7 @@ def _check_bounds(document: Document, command: Command) -> None:
         case TakePart(current_from_new=placed):
             pass
         case decision if isinstance(decision, GarmentCommand):
-            garments.check_bounds(decision, MAX_EXTENT_M)
+            garments.check_bounds(decision)
             return
         case _:
             return

@@ -122,10 +122,7 @@ class SessionFolder:
             If it cannot be written; the session then stays unchanged.
         """
         header = grown(self._header, recording)
-        with os_errors_as(
-            JournalError, f"{self._folder}: session.json cannot be written", "Free disk space."
-        ):
-            write_header(self._folder, header)
+        write_header(self._folder, header)
         self._header = header
         state = replace(self.state, n_views=len(recording))
         self._replay = replace(self._replay, state=state)

@@ -10,7 +10,7 @@ import gzip
 import io
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -107,7 +107,7 @@ def read_mesh(path: Path, *, with_images: bool = True) -> GarmentMesh:
         raise SynthesisError(
             f"{path}: not a mesh file. flatcloth reads {', '.join(SUFFIXES)}. Convert it with Blender."
         )
-    mesh = _ObjReader(path).mesh(with_images) if kind == ".obj" else _read_in_worker(path, kind, with_images)
+    mesh = _read_obj(path, with_images) if kind == ".obj" else _read_in_worker(path, kind, with_images)
     return _checked(mesh, path)
 
 
@@ -149,147 +149,120 @@ def inside_out(mesh: GarmentMesh) -> GarmentMesh:
     )
 
 
-class _ObjReader:
-    """Reads one OBJ file; every error names the line."""
+def _read_obj(path: Path, with_images: bool) -> GarmentMesh:
+    """Read an OBJ file; every error names the line."""
+    vertices, texture = list[list[float]](), list[tuple[float, float]]()
+    rows: list[tuple[int, ...]] = []  # of each triangle: vertices, texture vertices, group, material
+    groups, materials = dict[str, int](), dict[str, int]()
+    libraries, others, number, group, material = list[str](), set[str](), 1, "", ""
+    try:
+        for line in _lines(path):
+            number, key, words = line
+            if key == "v":  # its position, and its color if it has one
+                numbers = [_number(word) for word in words]
+                if len(numbers) < 3:
+                    raise ValueError("a vertex has three numbers")
+                scale = numbers[3] if len(numbers) == 4 and numbers[3] else 1.0  # homogeneous
+                vertices.append([one / scale for one in numbers[: 6 if len(numbers) >= 6 else 3]])
+            elif key == "vt":
+                texture.append((_number(words[0]), _number(words[1]) if len(words) > 1 else 0.0))
+            elif key == "f":
+                if len(words) < 3:
+                    raise ValueError("a face needs at least three corners")
+                if len(rows) + len(words) - 2 > _MOST_TRIANGLES:  # also those without area
+                    raise ValueError(f"the limit is {_MOST_TRIANGLES} triangles: decimate the mesh")
+                corners = [(*word.split("/"), "")[:2] for word in words]
+                at = [_index(first, len(vertices)) for first, _ in corners]
+                uv = [_index(second, len(texture)) if second else -1 for _, second in corners]
+                own = groups.setdefault(group, len(groups)), materials.setdefault(material, len(materials))
+                rows += [
+                    (*(places[n] for places in (at, uv) for n in (0, k, k + 1)), *own)
+                    for k in range(1, len(corners) - 1)
+                ]
+            elif key in ("g", "o"):
+                group = " ".join(words)
+            elif key == "usemtl":
+                material = " ".join(words)
+            elif key == "mtllib":
+                libraries.append(" ".join(words))
+            else:
+                others.add(key)
+    except (ValueError, IndexError) as error:
+        cause = f"line {number} is not valid OBJ ({shortened(str(error), 120)})"
+        raise SynthesisError(f"{path}: {cause}. Export the mesh again.") from error
+    surfaces = ", ".join(sorted(others & {"curv", "l", "p", "surf"}))
+    if not rows and surfaces:
+        raise SynthesisError(f"{path}: has no triangles, only {surfaces}. Export the surface as a mesh.")
+    table = np.array(rows, dtype=np.int32).reshape(-1, 8)
+    has_uv, rgb = bool(rows) and bool((table[:, 3:6] >= 0).all()), None
+    if vertices and all(len(v) == 6 for v in vertices):
+        level = np.array([v[3:] for v in vertices])
+        rgb = np.clip(np.nan_to_num(level) * (255 if level.max() <= 1 else 1), 0, 255).astype(np.uint8)
+    images, notes = _images(path, libraries, materials) if with_images and has_uv else ({}, ())
+    place = np.array([list(images).index(name) if name in images else -1 for name in materials], np.int32)
+    return GarmentMesh(
+        vertices=np.array([v[:3] for v in vertices], dtype=np.float64).reshape(-1, 3),
+        triangles=table[:, :3],
+        group=table[:, 6],
+        group_names=tuple(groups),
+        corner_uv=np.array(texture)[table[:, 3:6]] if has_uv else None,
+        vertex_rgb=rgb,
+        images=tuple(images.values()),
+        image=place[table[:, 7]] if images else None,
+        notes=notes,
+    )
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._number = 0
-        self._vertices: list[list[float]] = []
-        self._texture: list[tuple[float, float]] = []
-        self._triangles: list[tuple[int, ...]] = []  # vertices, texture vertices, group, material
-        self._groups: dict[str, int] = {}
-        self._materials: dict[str, int] = {}
-        self._libraries: list[str] = []
-        self._others: set[str] = set()
 
-    def mesh(self, with_images: bool) -> GarmentMesh:
-        group, material = "", ""
-        try:
-            for key, words in self._lines():
-                if key == "v":  # its position, and its color if it has one
-                    numbers = [_number(word) for word in words]
-                    if len(numbers) < 3:
-                        raise ValueError("a vertex has three numbers")
-                    scale = numbers[3] if len(numbers) == 4 and numbers[3] else 1.0  # homogeneous
-                    numbers = numbers[: 6 if len(numbers) >= 6 else 3]
-                    self._vertices.append([number / scale for number in numbers])
-                elif key == "vt":
-                    self._texture.append((_number(words[0]), _number(words[1]) if len(words) > 1 else 0.0))
-                elif key == "f":
-                    self._face(words, group, material)
-                elif key in ("g", "o"):
-                    group = " ".join(words)
-                elif key == "usemtl":
-                    material = " ".join(words)
-                elif key == "mtllib":
-                    self._libraries.append(" ".join(words))
-                else:
-                    self._others.add(key)
-        except (ValueError, IndexError) as error:
-            raise SynthesisError(
-                f"{self._path}: line {max(self._number, 1)} is not valid OBJ ({shortened(str(error), 120)}). "
-                "Export the mesh again."
-            ) from error
-        surfaces = sorted(self._others & {"curv", "l", "p", "surf"})
-        if not self._triangles and surfaces:
-            raise SynthesisError(
-                f"{self._path}: has no triangles, only {', '.join(surfaces)}. Export the surface as a mesh."
-            )
-        return self._assembled(with_images)
+def _lines(path: Path) -> Iterator[tuple[int, str, list[str]]]:
+    """Yield number, keyword and words of each line, without comments; a backslash continues a line."""
+    try:
+        with open_plain(path) as packed:
+            file = gzip.GzipFile(fileobj=packed) if packed.read(2) == b"\x1f\x8b" else packed
+            packed.seek(0)
+            start = file.read(3)
+            file.seek(0)
+            coding = (name for mark, name in _BYTE_ORDER_MARKS.items() if start.startswith(mark))
+            text = io.TextIOWrapper(file, next(coding, "utf-8"), errors="replace")
+            begun = ""
+            for number, line in enumerate(iter(lambda: text.readline(_MOST_LINE_CHARACTERS), ""), start=1):
+                if len(begun) + len(line) >= _MOST_LINE_CHARACTERS or number > _MOST_LINES:
+                    limits = f"{_MOST_LINES} lines of {_MOST_LINE_CHARACTERS} characters"
+                    raise SynthesisError(f"{path}: line {number}: the limit is {limits}. Decimate the mesh.")
+                line = begun + _COMMENT.sub("", line).strip()
+                begun = line[:-1] + " " if line.endswith("\\") else ""
+                if line and not begun:
+                    key, *words = line.split()
+                    yield number, key, words
+    except (OSError, EOFError, zlib.error) as error:
+        cause = getattr(error, "strerror", None) or "not a whole gzip file"
+        raise SynthesisError(f"{path}: cannot be read ({cause}). Name a mesh file.") from error
 
-    def _lines(self) -> Iterator[tuple[str, list[str]]]:
-        """Yield keyword and words of each line, without comments; a backslash continues a line."""
-        try:
-            with open_plain(self._path) as packed:
-                file = gzip.GzipFile(fileobj=packed) if packed.read(2) == b"\x1f\x8b" else packed
-                packed.seek(0)
-                start = file.read(3)
-                file.seek(0)
-                coding = (name for mark, name in _BYTE_ORDER_MARKS.items() if start.startswith(mark))
-                text = io.TextIOWrapper(file, next(coding, "utf-8"), errors="replace")
-                begun = ""
-                for line in iter(lambda: text.readline(_MOST_LINE_CHARACTERS), ""):
-                    self._number += 1
-                    if len(begun) + len(line) >= _MOST_LINE_CHARACTERS:
-                        raise ValueError(f"it is longer than {_MOST_LINE_CHARACTERS} characters")
-                    if self._number > _MOST_LINES:
-                        raise ValueError(f"the limit is {_MOST_LINES} lines: decimate the mesh")
-                    line = begun + _COMMENT.sub("", line).strip()
-                    begun = line[:-1] + " " if line.endswith("\\") else ""
-                    if line and not begun:
-                        key, *words = line.split()
-                        yield key, words
-        except (OSError, EOFError, zlib.error) as error:
-            cause = getattr(error, "strerror", None) or "not a whole gzip file"
-            raise SynthesisError(f"{self._path}: cannot be read ({cause}). Name a mesh file.") from error
 
-    def _face(self, words: list[str], group: str, material: str) -> None:
-        corners = [word.split("/") for word in words]
-        if len(corners) < 3:
-            raise ValueError("a face needs at least three corners")
-        points = [self._index(c[0], len(self._vertices)) for c in corners]
-        textures = [self._index(c[1], len(self._texture)) if len(c) > 1 and c[1] else -1 for c in corners]
-        if len(self._triangles) + len(corners) - 2 > _MOST_TRIANGLES:  # also those without area
-            raise ValueError(f"the limit is {_MOST_TRIANGLES} triangles: decimate the mesh")
-        own = (
-            self._groups.setdefault(group, len(self._groups)),
-            self._materials.setdefault(material, len(self._materials)),
-        )
-        for k in range(1, len(corners) - 1):
-            places = [values[n] for values in (points, textures) for n in (0, k, k + 1)]
-            self._triangles.append((*places, *own))
+def _index(word: str, count: int) -> int:
+    """Convert a number of the file (from 1; negative from the end) to an index."""
+    number = int(word)
+    index = number - 1 if number > 0 else count + number
+    if number == 0 or not 0 <= index < count:
+        raise ValueError(f"{word} is not among the {count} defined so far")
+    return index
 
-    @staticmethod
-    def _index(word: str, count: int) -> int:
-        """Convert a number of the file (from 1; negative from the end) to an index."""
-        number = int(word)
-        index = number - 1 if number > 0 else count + number
-        if number == 0 or not 0 <= index < count:
-            raise ValueError(f"{word} is not among the {count} defined so far")
-        return index
 
-    def _assembled(self, with_images: bool) -> GarmentMesh:
-        rows = np.array(self._triangles, dtype=np.int32).reshape(-1, 8)
-        corners, material = rows[:, 3:6], rows[:, 7]
-        has_uv = len(corners) > 0 and bool((corners >= 0).all())
-        rgb = None
-        if self._vertices and all(len(v) == 6 for v in self._vertices):
-            level = np.array([v[3:] for v in self._vertices])
-            rgb = np.clip(np.nan_to_num(level) * (255 if level.max() <= 1 else 1), 0, 255).astype(np.uint8)
-        none: tuple[tuple[Uint8, ...], Int32, tuple[str, ...]] = ((), np.zeros(0, dtype=np.int32), ())
-        images, image_of_material, notes = self._images() if with_images and has_uv else none
-        return GarmentMesh(
-            vertices=np.array([v[:3] for v in self._vertices], dtype=np.float64).reshape(-1, 3),
-            triangles=rows[:, :3],
-            group=rows[:, 6],
-            group_names=tuple(self._groups),
-            corner_uv=np.array(self._texture)[corners] if has_uv else None,
-            vertex_rgb=rgb,
-            images=images,
-            image=image_of_material[material] if images else None,
-            notes=notes,
-        )
-
-    def _images(self) -> tuple[tuple[Uint8, ...], Int32, tuple[str, ...]]:
-        """Read the textures of the materials in use, -1 for one without; also return notes."""
-        named: dict[str, tuple[str, Path]] = {}
-        notes: list[str] = []
-        for line in self._libraries:
-            whole = file_beside(self._path.parent, line)  # the name of one file, or names of several
-            for name in [line] if whole is not None else line.split():
-                file = file_beside(self._path.parent, name)
-                if file is None:
-                    notes.append(f"{shortened(line)} is not beside the mesh")
-                    break
-                named |= {material: (name, file) for material, name in _textures_of(file, notes).items()}
-        images: list[Uint8] = []
-        place = np.full(len(self._materials), -1, dtype=np.int32)
-        for material, index in self._materials.items():
-            if material in named:
-                place[index] = len(images)
-                images.append(read_texture(self._path, *named[material]))
-        return tuple(images), place, tuple(notes)
+def _images(
+    path: Path, libraries: list[str], materials: Iterable[str]
+) -> tuple[dict[str, Uint8], tuple[str, ...]]:
+    """Return the textures of the materials in use that have one, by material, and notes."""
+    named: dict[str, tuple[str, Path]] = {}
+    notes: list[str] = []
+    for line in libraries:
+        whole = file_beside(path.parent, line)  # the name of one file, or names of several
+        for name in [line] if whole is not None else line.split():
+            file = file_beside(path.parent, name)
+            if file is None:
+                notes.append(f"{shortened(line)} is not beside the mesh")
+                break
+            named |= {material: (name, file) for material, name in _textures_of(file, notes).items()}
+    images = {name: read_texture(path, *named[name]) for name in materials if name in named}
+    return images, tuple(notes)
 
 
 def _textures_of(library: Path, notes: list[str]) -> dict[str, str]:

@@ -14,8 +14,8 @@ from typing import Any, Literal
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import sample_recordings
-from flatcloth.recordings.manifest import HEADER as MANIFEST
-from flatcloth.recordings.source import SourceOptions
+from flatcloth.recordings.folder import HEADER as MANIFEST
+from flatcloth.recordings.options import SourceOptions
 from flatcloth.session.header import HEADER, Header, read_header, state_folder
 from flatcloth.session.journal import JOURNAL
 from flatcloth.session.kept import read_summary

@@ -55,7 +55,7 @@ def view(monkeypatch: pytest.MonkeyPatch) -> Iterator[View]:
 
     monkeypatch.setenv("FLATCLOTH_TOKEN", "0123456789abcdef" * 2)
     monkeypatch.setattr(PageServer, "join", join)
-    monkeypatch.setattr("flatcloth.commands.view.opened_recording", cylinder)
+    monkeypatch.setattr("flatcloth.commands.view.opened_place", cylinder)
     yield start
     ended.set()
     for thread in running:
@@ -203,7 +203,7 @@ def test_what_cannot_be_is_one_line(
 def test_a_folder_for_temporary_files_that_cannot_be_written_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("flatcloth.commands.view.opened_recording", cylinder)
+    monkeypatch.setattr("flatcloth.commands.view.opened_place", cylinder)
     monkeypatch.setattr(tempfile, "tempdir", "/proc/none")
     assert main(["view", SAMPLE, "--port", "0"]) == 2
     (line,) = capsys.readouterr().err.splitlines()

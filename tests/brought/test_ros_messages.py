@@ -16,7 +16,7 @@ from ros_bags import COLOR, DEPTH, START_S, Compressed, Image, Info, Message, wr
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import Recording, open_recording
-from flatcloth.recordings.film.angles import GivenAngles
+from flatcloth.recordings.options import SourceOptions
 from flatcloth.recordings.ros.recording import open_ros
 
 INFO = "/camera/color/camera_info"
@@ -57,7 +57,7 @@ def raw(n: int) -> Image:
 
 def opened(path: Path) -> Recording:
     """Open a recording in this process, half a second faster than in one of its own."""
-    return open_ros(path, GivenAngles(step_deg=10.0))
+    return open_ros(path, SourceOptions(step_deg=10.0))
 
 
 def taken(recording: Recording) -> list[np.ndarray]:

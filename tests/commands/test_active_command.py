@@ -9,7 +9,7 @@ import pytest
 from garment_meshes import arc, write_obj
 
 from flatcloth.cli import main
-from flatcloth.commands.view import Opener, Options
+from flatcloth.commands.view import Options, opened_place
 from flatcloth.core.resources import sample_mesh
 from flatcloth.synthesis.meshes import read_mesh
 from flatcloth.viewer.places import Places
@@ -69,7 +69,7 @@ def test_the_start_screen_opens_the_bundled_cell_with_its_first_view_in_the_user
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr("flatcloth.engine.warmup.compile_beside", lambda: None)
-    opened = Opener(Options())(Places().chosen("cell", ""), None)
+    opened = opened_place(Options(), Places().chosen("cell", ""))
     assert opened is not None
     try:
         assert len(opened.integration.recording) == 1

@@ -16,7 +16,7 @@ from flatcloth.core.resources import sample_recordings
 from flatcloth.engine.evaluation import OtherTruth, compare_sides
 from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
-from flatcloth.export.garment import garment_document, other_points
+from flatcloth.export.garment import garment_document, named_points
 from flatcloth.garments.distance import to_edges
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import altered, images_of
@@ -158,7 +158,7 @@ def test_a_named_point_that_only_the_other_side_shows_is_seen_there(shape):
     hidden = {name: replace(point, pixel=None) for name, point in recognised.points.items()}
     fits = [replace(fit, points=hidden) if hasattr(fit, "points") else fit for fit in recognised.fits]
     blind = replace(known, found=replace(recognised, points=hidden, fits=tuple(fits)))
-    points = {point.name: point for point in other_points(blind, sides)}
+    points = {point.name: point for point in named_points(blind, sides)}
     assert len(points) >= 2
     document = garment_document(blind, sides)["points"]
     for name, point in points.items():
@@ -167,4 +167,4 @@ def test_a_named_point_that_only_the_other_side_shows_is_seen_there(shape):
         if seen.pixel is not None:  # a corner is one place in space, whichever side shows it
             xyz_m = known.cloth_of(seen).xyz_m[seen.pixel]
             assert np.linalg.norm(point.position_held_m - xyz_m) < 0.04
-    assert not other_points(known, "no other side")
+    assert not named_points(blind, "no other side")

@@ -16,6 +16,7 @@ from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.outcome import other_side_lines
 from flatcloth.export.animation import frames
 from flatcloth.export.figures import both_sides
+from flatcloth.export.growth import Kept
 from flatcloth.export.outline import drawing, outline_text, signed_area
 from flatcloth.export.page import page
 from flatcloth.export.report import report
@@ -24,10 +25,14 @@ from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 from flatcloth.rendering.pictures import BESIDE_M, side_by_side
 
 
-class Both:
-    """The shape's own mirror image as the other side, joined along its left and right borders."""
+class Both(GarmentService):
+    """The shape's own mirror image as the other side, joined along its left and right borders.
+
+    The garment is recognised by this side: the other has no views.
+    """
 
     def __init__(self, session: OpenedSession) -> None:
+        super().__init__(session.integration)
         view = session.view
         right_m = view.origin_uv_m[0] + view.pixel_size_m * (view.shape[1] - 1)
         self.view = replace(
@@ -52,23 +57,20 @@ class Both:
             why="",
         )
         other = Canonical(view=self.view, current_from_view={})
-        self.sides = JoinedSides(other=other, seams=(seam,), is_related=True)
+        self.mirrored = JoinedSides(other=other, seams=(seam,), is_related=True)
 
-    def joined(self, _document, _progress=None) -> JoinedSides:
-        return self.sides
+    def joined(self, *_: object) -> JoinedSides:  # type: ignore[override]
+        return self.mirrored
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     made = cylinder_session(tmp_path_factory.mktemp("both"))
-    both = Both(made)
-    made.kept.garments = GarmentService(made.integration)  # by this side: the other has no views
-    made.kept.both = lambda: both  # type: ignore[assignment,return-value]
-    return made
+    return OpenedSession(made.history, made.integration, kept=Kept(Both(made), lambda: True))
 
 
 def test_a_session_of_one_side_stays_one(cylinder, text) -> None:
-    assert cylinder.both is None
+    assert not cylinder.has_both
     assert cylinder.data.sides is None
     assert list(both_sides(cylinder)) == []
     assert "Both sides" not in text

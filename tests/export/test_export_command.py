@@ -37,9 +37,8 @@ def hand_eye(tmp_path: Path) -> Path:
 
 
 def test_everything_is_written_and_the_session_stays_as_it_was(
-    written: Path, tmp_path: Path, hand_eye: Path, capsys: pytest.CaptureFixture[str]
+    session: Path, tmp_path: Path, hand_eye: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    session = Path(shutil.copytree(written, tmp_path / "session"))
     before = {p.name: p.read_bytes() for p in session.iterdir()}
     out = tmp_path / "out"
     options = {

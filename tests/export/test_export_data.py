@@ -14,9 +14,10 @@ from flatcloth.core.types import RotationAxis
 from flatcloth.export.data import (
     GraspFrames,
     grasps_document,
+    json_bytes,
     read_shape,
     remove_stale,
-    shape_files,
+    side_files,
     write_files,
 )
 from flatcloth.grasping.grasps import Grip
@@ -38,7 +39,7 @@ PICK = pick(4, "left <collar>", (0.02, 0.01, 0.001), (0.0, 0.0, -1.0))
 def test_arrays_picture_and_cloud_are_those_of_the_cloth_and_need_no_pickle(tmp_path: Path) -> None:
     view = sheet(1, 0, 40, 12.0)
     view.valid[:, :10] = False
-    write_files(shape_files(view, [], FRAMES), tmp_path)
+    write_files(side_files("this", view), tmp_path)
     back = read_shape(tmp_path / "flattened.npz")
     for name in ("rgb", "xyz_m", "normal", "z_angle_deg", "valid", "view_index", "source_rc"):
         original, read = getattr(view, name), getattr(back, name)
@@ -90,17 +91,16 @@ def test_a_pose_is_given_in_held_camera_and_robot_frame(tmp_path: Path) -> None:
 
 def test_a_smaller_export_removes_the_pieces_of_a_larger_one(tmp_path: Path) -> None:
     view = sheet(1, 0, 40, 12.0)
-    write_files(shape_files(view, [], FRAMES, [view, view]), tmp_path)
+    write_files(side_files("this", view, [view, view]), tmp_path)
     remove_stale(["flattened.npz", "floating-1.npz"], tmp_path)
     assert not (tmp_path / "floating-2.npz").exists()
     assert (tmp_path / "floating-1.npz").exists()
 
 
-def test_what_is_not_known_is_null_and_the_file_stays_json(tmp_path: Path) -> None:
+def test_what_is_not_known_is_null_and_the_file_stays_json() -> None:
     nowhere = pick(5, "lost", (0.5, 0.5, 0.5), (0.0, 0.0, -1.0))
     blind = pick(6, "blind", (0.02, 0.01, 0.0), (float("nan"),) * 3)
-    write_files(shape_files(sheet(1, 0, 40, 12.0), [nowhere, blind], FRAMES), tmp_path)
-    text = (tmp_path / "grasps.json").read_text()
+    text = json_bytes(grasps_document(sheet(1, 0, 40, 12.0), [nowhere, blind], FRAMES)).decode()
     assert "NaN" not in text
     lost, unseen = json.loads(text)["grasps"]
     assert lost["uncertainty"] == dict.fromkeys(("position_m", "normal_deg", "axis_deg", "placement_m"))
@@ -109,15 +109,13 @@ def test_what_is_not_known_is_null_and_the_file_stays_json(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("content", [b"", b"not an archive", b"PK\x03\x04truncated"])
-def test_a_damaged_export_is_one_clear_line(tmp_path: Path, content: bytes) -> None:
+def test_an_export_that_is_damaged_or_of_another_format_is_one_clear_line(
+    tmp_path: Path, content: bytes
+) -> None:
     path = tmp_path / "flattened.npz"
     path.write_bytes(content)
     with pytest.raises(FlatclothError, match=r"flattened\.npz: .*export it again"):
         read_shape(path)
-
-
-def test_another_format_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "flattened.npz"
     np.savez(path, format=np.str_("flatcloth-flattened/9"))
     with pytest.raises(FlatclothError, match="flatcloth-flattened/9"):
         read_shape(path)

@@ -15,8 +15,8 @@ from pycocotools.coco import COCO
 
 from flatcloth.core.geometry import Rigid3, camera_from_object
 from flatcloth.core.types import FlattenedView
-from flatcloth.export.formats.coco import HIDDEN, VISIBLE, write_coco
-from flatcloth.export.formats.moments import write_mcap, write_rrd
+from flatcloth.export.coco import HIDDEN, VISIBLE, write_coco
+from flatcloth.export.moments import write_mcap, write_rrd
 from flatcloth.export.session import OpenedSession
 
 

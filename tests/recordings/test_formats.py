@@ -15,7 +15,7 @@ from tiny_recordings import MemoryRecording, write_recording
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import SourceOptions, open_recording, registry
-from flatcloth.recordings.source import Format
+from flatcloth.recordings.base import Format
 
 
 def recognises(path: Path) -> bool:

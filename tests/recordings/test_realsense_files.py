@@ -22,7 +22,7 @@ from flatcloth.cli import main
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.files import libraries as realsense_library
-from flatcloth.recordings.film.angles import GivenAngles
+from flatcloth.recordings.options import SourceOptions
 from flatcloth.recordings.realsense.player import RealsensePlayer, is_realsense
 from flatcloth.recordings.realsense.turned import open_realsense
 
@@ -88,8 +88,8 @@ def test_a_camera_that_is_no_stereo_camera_is_not_biased(tmp_path: Path) -> None
 
 
 def test_steps_may_be_negative_and_what_comes_after_a_whole_turn_is_left_out(files: Path) -> None:
-    assert open_realsense(files / "stops.db3", GivenAngles(step_deg=-10)).angles_deg == (0.0, -10.0, -20.0)
-    read = open_realsense(files / "stops.db3", GivenAngles(step_deg=180))
+    assert open_realsense(files / "stops.db3", SourceOptions(step_deg=-10)).angles_deg == (0.0, -10.0, -20.0)
+    read = open_realsense(files / "stops.db3", SourceOptions(step_deg=180))
     assert read.angles_deg == (0.0, 180.0)
     assert "1 that repeat an angle are left out" in read.description
 
@@ -97,10 +97,10 @@ def test_steps_may_be_negative_and_what_comes_after_a_whole_turn_is_left_out(fil
 def test_a_table_gives_the_angles_of_the_stops(files: Path, tmp_path: Path) -> None:
     table = tmp_path / "a.csv"
     table.write_text("time_s,angle_deg\n0.5,4\n2.3,13.5\n4.2,26\n")  # a line for each stop
-    assert open_realsense(files / "stops.db3", GivenAngles(table=table)).angles_deg == (0.0, 9.5, 22.0)
+    assert open_realsense(files / "stops.db3", SourceOptions(angles=table)).angles_deg == (0.0, 9.5, 22.0)
     angle = stop_and_go(STOPS, -15.0, 0.9, 0.8)
     table.write_text("".join(f"{t:.2f},{angle(t):.3f}\n" for t in np.arange(0, 4.6, 0.05)))  # an encoder's
-    assert open_realsense(files / "stops.db3", GivenAngles(table=table)).angles_deg == pytest.approx(
+    assert open_realsense(files / "stops.db3", SourceOptions(angles=table)).angles_deg == pytest.approx(
         (0.0, -15.0, -30.0), abs=0.05
     )
 
@@ -108,16 +108,16 @@ def test_a_table_gives_the_angles_of_the_stops(files: Path, tmp_path: Path) -> N
 def test_an_item_that_turns_all_the_time_is_taken_at_each_step(files: Path, tmp_path: Path) -> None:
     table = tmp_path / "a.csv"
     table.write_text("0 0\n10 120\n")
-    read = open_realsense(files / "turning.db3", GivenAngles(table=table))
+    read = open_realsense(files / "turning.db3", SourceOptions(angles=table))
     assert len(read) == 5
     for n, angle in enumerate(read.angles_deg):
         assert angle == pytest.approx(10 * n, abs=0.45)  # the frame nearest to it, at 15 frames/s
         assert np.median(np.abs(depth_error_mm(read, n, angle))) < 1.5
     table.write_text("1.0 5\n5.0 53\n")  # by the camera's clock, which begins at 1 s
-    again = open_realsense(files / "turning.db3", GivenAngles(table=table))
+    again = open_realsense(files / "turning.db3", SourceOptions(angles=table))
     assert again.angles_deg == pytest.approx(read.angles_deg, abs=0.5)
     table.write_text("0 0\n10 -120\n")
-    back = open_realsense(files / "turning.db3", GivenAngles(table=table, step_deg=20))
+    back = open_realsense(files / "turning.db3", SourceOptions(angles=table, step_deg=20))
     assert back.angles_deg == pytest.approx((0, -20, -40), abs=0.5)
 
 
@@ -364,14 +364,14 @@ def test_a_recording_of_nothing_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("angles", "align", "message"),
     [
-        (GivenAngles(step_deg=0), "depth", "--step 0"),
-        (GivenAngles(step_deg=float("nan")), "depth", "--step nan"),
-        (GivenAngles(), "infrared", "no alignment 'infrared'"),
-        (GivenAngles(table=Path("none.csv")), "depth", r"none\.csv"),
+        (SourceOptions(step_deg=0), "depth", "--step 0"),
+        (SourceOptions(step_deg=float("nan")), "depth", "--step nan"),
+        (SourceOptions(), "infrared", "no alignment 'infrared'"),
+        (SourceOptions(angles=Path("none.csv")), "depth", r"none\.csv"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(
-    files: Path, angles: GivenAngles, align: str, message: str
+    files: Path, angles: SourceOptions, align: str, message: str
 ) -> None:
     with pytest.raises(RecordingError, match=message):
         open_realsense(files / "stops.db3", angles, align)

@@ -10,7 +10,8 @@ from tiny_recordings import write_recording
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.film.angles import GivenAngles, Shots
+from flatcloth.recordings.film.angles import Shots, views_of
+from flatcloth.recordings.options import SourceOptions
 
 SHOTS = Shots(
     source="scan", count=4, names=("color/a.png", "color/b.png", "color/10.png", "more/b.png"),
@@ -21,7 +22,7 @@ SHOTS = Shots(
 def of_table(tmp_path: Path, text: str) -> list[tuple[int, float]]:
     table = tmp_path / "angles.csv"
     table.write_text(text)
-    return GivenAngles(table=table).views(SHOTS)
+    return views_of(SHOTS, SourceOptions(angles=table))
 
 
 @pytest.mark.parametrize(
@@ -75,7 +76,7 @@ def test_names_and_times_that_a_source_has_not_cannot_be_used(tmp_path: Path) ->
     for text, cause in (("file,angle_deg\na,0\n", "no image files"), ("time_s,angle_deg\n0,0\n", "no times")):
         table.write_text(text)
         with pytest.raises(RecordingError, match=cause):
-            GivenAngles(table=table).views(Shots(source="scan", count=1))
+            views_of(Shots(source="scan", count=1), SourceOptions(angles=table))
 
 
 def test_a_step_counts_from_0_and_stops_after_a_whole_turn(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from ros_bags import COLOR, DEPTH, START_S, Compressed, Image, Info, K, Message,
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import Recording, open_recording
-from flatcloth.recordings.film.angles import GivenAngles
+from flatcloth.recordings.options import SourceOptions
 from flatcloth.recordings.ros.recording import open_ros
 
 INFO = "/camera/color/camera_info"
@@ -27,7 +27,7 @@ INFO = "/camera/color/camera_info"
 
 def here(path: Path, step_deg: float | None = 10.0, table: Path | None = None) -> Recording:
     """Open a recording in this process, a second faster than in one of its own."""
-    return open_ros(path, GivenAngles(step_deg=step_deg, table=table))
+    return open_ros(path, SourceOptions(step_deg=step_deg, angles=table))
 
 
 Opener = Callable[..., Recording]
@@ -241,4 +241,4 @@ def test_without_the_library_its_installation_is_told(
     path = write(tmp_path / "take.bag", views())
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     with pytest.raises(RecordingError, match=r"pip install 'flatcloth\[ros\]'"):
-        open_ros(path, GivenAngles(step_deg=10.0))
+        open_ros(path, SourceOptions(step_deg=10.0))

@@ -12,7 +12,8 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64
-from flatcloth.recordings.files.text import read_rows, shortened, unused
+from flatcloth.recordings.files.text import failing, read_rows, shortened, unused
+from flatcloth.recordings.options import SourceOptions
 
 ANGLES_FILE = "angles.csv"
 TOLERANCE_DEG = 0.01
@@ -62,77 +63,68 @@ class Shots:
         return [self.every.index(name) for name in self.names or () if self.every]
 
 
-@dataclass(frozen=True, kw_only=True)
-class GivenAngles:
-    """The user's information about the angles: a table, a step in degrees, or neither.
+def film_step_deg(options: SourceOptions, shots: Shots) -> float | None:
+    """Return the step between the stops of a film; None if the shots are views.
 
-    The angles of a table are multiplied by ``factor`` later; angles are the same if they are so then.
+    The shots are a film if they have times and there are many more of them than steps in a turn.
     """
+    step_deg = options.step_deg
+    if options.angles is not None or step_deg is None or shots.times_s is None:
+        return None
+    return step_deg if abs(step_deg) >= TOLERANCE_DEG and _is_film(shots, step_deg) else None
 
-    table: Path | None = None
-    step_deg: float | None = None
-    factor: float = 1.0
 
-    def film_step_deg(self, shots: Shots) -> float | None:
-        """Return the step between the stops of a film; None if the shots are views.
+def views_of(shots: Shots, options: SourceOptions, folder: Path | None = None) -> list[tuple[int, float]]:
+    """Return the views: the number of the shot, and its angle in degrees since the first view.
 
-        The shots are a film if they have times and there are many more of them than steps in a turn.
-        """
-        step_deg = self.step_deg
-        if self.table is not None or step_deg is None or shots.times_s is None:
-            return None
-        return step_deg if abs(step_deg) >= TOLERANCE_DEG and _is_film(shots, step_deg) else None
+    Parameters
+    ----------
+    shots : Shots
+        The shots; a table may leave some of them out.
+    options : SourceOptions
+        A table of angles, or a step. If the angles are multiplied, they are the same if they are so then.
+    folder : Path, optional
+        Folder in which ``angles.csv`` is searched if no angles were given.
 
-    def views(self, shots: Shots, folder: Path | None = None) -> list[tuple[int, float]]:
-        """Return the views: the number of the shot, and its angle in degrees since the first view.
+    Raises
+    ------
+    RecordingError
+        If there are no angles, or they do not match the shots.
+    """
+    step_deg = options.step_deg
+    fail = failing(shots.source)
+    if options.angles is not None and step_deg is not None:
+        raise RecordingError(f"{options.angles}: given together with --step. Give only one of them.")
+    table = _table(options, folder)
+    if table is not None:
+        return _from_table(table, shots, 1.0 if options.mends is None else options.mends.angle_factor)
+    if step_deg is None:
+        unknown = f"the angles of its {shots.count} views are not known"
+        fail(unknown, "Give --step DEG, or --angles FILE.csv.")
+    if not TOLERANCE_DEG <= abs(step_deg) <= 180:
+        raise RecordingError(f"--step {step_deg:g}: give 0.01 to 180 degrees from view to view.")
+    if _is_film(shots, step_deg):
+        turns = f"{shots.count * abs(step_deg) / 360.0:.1f} turns with --step {step_deg:g}"
+        stops = "If it is a film with stops, name one view for each stop: --angles FILE.csv."
+        fail(f"its {shots.count} images make {turns}", stops)
+    turned = [(place - shots.places[0]) * step_deg for place in list(shots.places)[:MAX_VIEWS]]
+    # Images after a full turn repeat earlier angles.
+    return [(n, angle) for n, angle in enumerate(turned) if abs(angle) <= 360.0 - TOLERANCE_DEG]
 
-        Parameters
-        ----------
-        shots : Shots
-            The shots; a table may leave some of them out.
-        folder : Path, optional
-            Folder in which ``angles.csv`` is searched if no angles were given.
 
-        Raises
-        ------
-        RecordingError
-            If there are no angles, or they do not match the shots.
-        """
-        if self.table is not None and self.step_deg is not None:
-            raise RecordingError(f"{self.table}: given together with --step. Give only one of them.")
-        table = self._table(folder)
-        if table is not None:
-            return _from_table(table, shots, self.factor)
-        step_deg = self.step_deg
-        if step_deg is None:
-            raise RecordingError(
-                f"{shots.source}: the angles of its {shots.count} views are not known. "
-                "Give --step DEG, or --angles FILE.csv."
-            )
-        if not TOLERANCE_DEG <= abs(step_deg) <= 180:
-            raise RecordingError(f"--step {step_deg:g}: give 0.01 to 180 degrees from view to view.")
-        if _is_film(shots, step_deg):
-            turns = shots.count * abs(step_deg) / 360.0
-            raise RecordingError(
-                f"{shots.source}: its {shots.count} images make {turns:.1f} turns with --step {step_deg:g}. "
-                "If it is a film with stops, name one view for each stop: --angles FILE.csv."
-            )
-        turned = [(place - shots.places[0]) * step_deg for place in list(shots.places)[:MAX_VIEWS]]
-        # Images after a full turn repeat earlier angles.
-        return [(n, angle) for n, angle in enumerate(turned) if abs(angle) <= 360.0 - TOLERANCE_DEG]
+def notes_of(options: SourceOptions, folder: Path | None = None) -> list[str]:
+    """Return a note on the columns of the table that are not understood, if there are any."""
+    table = _table(options, folder)
+    if table is None or len(names := read_rows(table)[0][1]) < 2 or _is_number(names[-1]):
+        return []
+    return unused(table, [name for name in names if name.lower() not in (*_KEYS, "angle_deg")])
 
-    def notes(self, folder: Path | None = None) -> list[str]:
-        """Return a note on the columns of the table that are not understood, if there are any."""
-        table = self._table(folder)
-        if table is None or len(names := read_rows(table)[0][1]) < 2 or _is_number(names[-1]):
-            return []
-        return unused(table, [name for name in names if name.lower() not in (*_KEYS, "angle_deg")])
 
-    def _table(self, folder: Path | None) -> Path | None:
-        if self.table is not None:
-            return self.table.expanduser()
-        own = None if folder is None or self.step_deg is not None else folder / ANGLES_FILE
-        return own if own is not None and own.is_file() else None
+def _table(options: SourceOptions, folder: Path | None) -> Path | None:
+    if options.angles is not None:
+        return options.angles.expanduser()
+    own = None if folder is None or options.step_deg is not None else folder / ANGLES_FILE
+    return own if own is not None and own.is_file() else None
 
 
 def pair_by_time(
@@ -182,23 +174,21 @@ def _is_film(shots: Shots, step_deg: float) -> bool:
 
 def _from_table(table: Path, shots: Shots, factor: float) -> list[tuple[int, float]]:
     keyed, rows = _read(table)
+    fail = failing(table)
     least = max((float(key) + 1 for _, key, _ in rows if _is_number(key)), default=0) if keyed else len(rows)
     numbered = _numbered(shots, lambda count: least <= count if keyed else least == count)
     if not numbered and not keyed:
-        raise RecordingError(
-            f"{table}: has {len(rows)} angles, but {shots.source} has {shots.count} views. "
-            "Add a column view, file or time_s, or give one angle per view."
-        )
+        cause = f"has {len(rows)} angles, but {shots.source} has {shots.count} views"
+        fail(cause, "Add a column view, file or time_s, or give one angle per view.")
     kept: dict[int, tuple[float, str]] = {}
     for n, (line, key, angle) in enumerate(rows):
-        shot = _find(table, line, keyed, key, shots, numbered) if keyed else numbered[n]
-        if shot is None:
-            continue
+        shot = _find(f"{table}: line {line}", keyed, key, shots, numbered) if keyed else numbered[n]
         if shot in kept:
-            raise RecordingError(f"{table}: line {line} and {kept[shot][1]} name the same view. Remove one.")
-        kept[shot] = angle, f"line {line}"
+            fail(f"line {line} and {kept[shot][1]} name the same view", "Remove one.")
+        if shot is not None:
+            kept[shot] = angle, f"line {line}"
     if not kept:
-        raise RecordingError(f"{table}: names no view. {_HELP}")
+        fail("names no view", _HELP)
     if len(kept) > MAX_VIEWS:
         raise RecordingError(f"{table}: {len(kept)} views. The limit is {MAX_VIEWS}: leave some out.")
     views = [(shot, angle) for shot, (angle, _) in kept.items()]
@@ -226,40 +216,31 @@ def _numbered(shots: Shots, fits: Callable[[int], bool]) -> dict[float, int | No
 
 def _read(table: Path) -> tuple[str, list[tuple[int, str, float]]]:
     """Return the name of the key column (or ""), and for each row: line number, key, angle."""
-    cells = read_rows(table)
-    if not cells:
-        raise RecordingError(f"{table}: has no angles. {_HELP}")
-    names = [name.lower() for name in cells[0][1]]
+    cells, fail = read_rows(table), failing(table)
+    first, names = (cells[0][0], [name.lower() for name in cells[0][1]]) if cells else (0, ["angle_deg"])
     if "angle_deg" in names or not _is_number(names[-1]):
+        cells = cells[1:]
         if "angle_deg" not in names:
-            raise RecordingError(f"{table}: line {cells[0][0]} has no column angle_deg. {_HELP}")
-        angle_column, cells = names.index("angle_deg"), cells[1:]
-    elif len(names) == 2 and not _is_number(names[0]):
-        names, angle_column = ["file", "angle_deg"], 1
-    elif len(names) == 1:
-        names, angle_column = ["angle_deg"], 0
+            fail(f"line {first} has no column angle_deg", _HELP)
+    elif len(names) == 1 or (len(names) == 2 and not _is_number(names[0])):
+        names = ["file", "angle_deg"][-len(names) :]
     else:
-        raise RecordingError(
-            f"{table}: line {cells[0][0]} does not show which number is the angle. {_HELP} "
-            "Decimals have a point; with a comma, separate the columns by semicolons."
-        )
-    keyed = next((key for key in _KEYS if key in names), "")
-    key_column = names.index(keyed) if keyed else angle_column
-    rows = []
+        points = "Decimals have a point; with a comma, separate the columns by semicolons."
+        fail(f"line {first} does not show which number is the angle", f"{_HELP} {points}")
+    if not cells:
+        fail("has no angles", _HELP)
+    keyed, at = next((key for key in _KEYS if key in names), ""), names.index("angle_deg")
+    key_at, rows = names.index(keyed) if keyed else at, list[tuple[int, str, float]]()
     for n, row in cells:
         if len(row) != len(names):
-            raise RecordingError(f"{table}: line {n} has {len(row)} columns, not {len(names)}. {_HELP}")
-        if not _is_number(row[angle_column]):
-            raise RecordingError(
-                f"{table}: line {n} has the angle {shortened(row[angle_column])}. Give degrees."
-            )
-        rows.append((n, row[key_column], float(row[angle_column])))
-    if not rows:
-        raise RecordingError(f"{table}: has no angles. {_HELP}")
+            fail(f"line {n} has {len(row)} columns, not {len(names)}", _HELP)
+        if not _is_number(row[at]):
+            fail(f"line {n} has the angle {shortened(row[at])}", "Give degrees.")
+        rows.append((n, row[key_at], float(row[at])))
     usual = float(np.median([abs(angle) for _, _, angle in rows]))
     for n, _, angle in rows:
         if abs(angle) > max(_MOST_DEG, _MOST_OF_USUAL * usual):
-            raise RecordingError(f"{table}: line {n} has the angle {angle:g}. Give degrees.")
+            fail(f"line {n} has the angle {angle:g}", "Give degrees.")
     return keyed, rows
 
 
@@ -270,40 +251,36 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _find(
-    table: Path, line: int, keyed: str, key: str, shots: Shots, numbered: Mapping[float, int | None]
-) -> int | None:
-    def refused(cause: str) -> RecordingError:
-        return RecordingError(f"{table}: line {line}: {cause}. {_HELP}")
-
+def _find(where: str, keyed: str, key: str, shots: Shots, numbered: Mapping[float, int | None]) -> int | None:
+    """Return the shot that a key of a table names, None if it was lost; ``where`` the key stands."""
+    fail, names = failing(where), shots.names
     if keyed == "file":
-        if shots.names is None:
-            raise refused(f"{shots.source} has no image files")
+        if names is None:
+            fail(f"{shots.source} has no image files", _HELP)
         found = [
             name
-            for name in shots.every or shots.names
+            for name in shots.every or names
             if key in (name, PurePath(name).name) or PurePath(name).stem == PurePath(key).name
         ]
         if len(found) != 1:
-            raise refused(f"{len(found) or 'no'} color images are named {shortened(key)}")
-        return shots.names.index(found[0]) if found[0] in shots.names else None
+            fail(f"{len(found) or 'no'} color images are named {shortened(key)}", _HELP)
+        return names.index(found[0]) if found[0] in names else None
     if not _is_number(key):
-        raise refused(f"{keyed} is {shortened(key)}, not a number")
+        fail(f"{keyed} is {shortened(key)}, not a number", _HELP)
     if keyed == "view":
         if float(key) not in (numbered or range(shots.count)):
-            raise refused(f"there is no view {shortened(key)}, they are 0 to {shots.count - 1}")
+            fail(f"there is no view {shortened(key)}, they are 0 to {shots.count - 1}", _HELP)
         return numbered.get(float(key), int(float(key)))
     if shots.times_s is None:
-        raise refused(f"{shots.source} has no times")
-    times = np.asarray(shots.times_s, dtype=np.float64)
-    time = float(key)
+        fail(f"{shots.source} has no times", _HELP)
+    times, time = np.asarray(shots.times_s, dtype=np.float64), float(key)
     if time < times[0] - 86_400.0:  # seconds since the first image, not a time stamp
         time += times[0]
     nearest = int(np.abs(times - time).argmin())
-    gap = np.diff(times)
-    usual = float(np.median(gap)) if len(gap) else 1.0
+    usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     if abs(times[nearest] - time) > max(usual, 0.02):
-        raise refused(f"no image was taken at {key} s, the nearest is {times[nearest] - time:+.3f} s away")
+        away = f"the nearest is {times[nearest] - time:+.3f} s away"
+        fail(f"no image was taken at {key} s, {away}", _HELP)
     return nearest
 
 
@@ -356,34 +333,28 @@ def read_turning(table: Path, first_clock_s: float, seconds: float) -> tuple[Flo
     seconds : float
         Duration of the file.
     """
-    rows: list[tuple[float, float]] = []
+    rows, fail = list[tuple[float, float]](), failing(table)
     for place, (number, cells) in enumerate(read_rows(table)):
         try:
             time_s, angle_deg = (float(cell) for cell in cells if cell)
-        except ValueError as error:
+        except ValueError:
             if place == 0:
                 continue  # the names of the columns
-            raise RecordingError(
-                f"{table}: line {number} is {shortened(' '.join(cells))}. {_TIMES_HELP}"
-            ) from error
+            fail(f"line {number} is {shortened(' '.join(cells))}", _TIMES_HELP)
         if not math.isfinite(time_s) or not abs(angle_deg) <= 100_000:
-            raise RecordingError(f"{table}: line {number} has a number out of range. {_TIMES_HELP}")
+            fail(f"line {number} has a number out of range", _TIMES_HELP)
         if rows and time_s <= rows[-1][0]:
-            raise RecordingError(
-                f"{table}: line {number} is not later than the previous line. Sort the table by time."
-            )
+            fail(f"line {number} is not later than the previous line", "Sort the table by time.")
         rows.append((time_s, angle_deg))
     if not rows:
-        raise RecordingError(f"{table}: has no angles. {_TIMES_HELP}")
+        fail("has no angles", _TIMES_HELP)
     times_s, angles_deg = np.array(rows).T
     common_s = {
         origin_s: min(times_s[-1] - origin_s, seconds) - max(times_s[0] - origin_s, 0.0)
         for origin_s in (0.0, first_clock_s)
     }
     origin_s = max(common_s, key=lambda origin: common_s[origin])
-    if common_s[origin_s] >= 0:
-        return times_s - origin_s, angles_deg
-    raise RecordingError(
-        f"{table}: its times ({times_s[0]:g} to {times_s[-1]:g} s) do not match the recording "
-        f"(0 to {seconds:.1f} s). Count seconds from its first frame, or use the camera's clock."
-    )
+    if common_s[origin_s] < 0:
+        times = f"({times_s[0]:g} to {times_s[-1]:g} s) do not match the recording (0 to {seconds:.1f} s)"
+        fail(f"its times {times}", "Count seconds from its first frame, or use the camera's clock.")
+    return times_s - origin_s, angles_deg

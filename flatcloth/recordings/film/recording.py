@@ -12,8 +12,16 @@ from numpy.typing import NDArray
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float32, Progress, Uint8, no_progress
 from flatcloth.recordings.base import Recording, ViewImages, altered
-from flatcloth.recordings.film.angles import SAME_VIEW_DEG, GivenAngles, Shots, distinct, stops_found
+from flatcloth.recordings.film.angles import (
+    SAME_VIEW_DEG,
+    Shots,
+    distinct,
+    film_step_deg,
+    stops_found,
+    views_of,
+)
 from flatcloth.recordings.film.stillness import Glance, find_stops, glance
+from flatcloth.recordings.options import SourceOptions
 
 LEAST_SHARE = 0.5
 """A pixel measured in a smaller share of the frames counts as not measured: its depth flickers."""
@@ -73,7 +81,7 @@ _UNITS_PER_M = 5_000.0
 def views_or_film(
     made: Callable[[list[tuple[int, float]]], Recording],
     shots: Shots,
-    angles: GivenAngles,
+    options: SourceOptions,
     folder: Path | None,
     progress: Progress = no_progress,
 ) -> Recording:
@@ -83,8 +91,8 @@ def views_or_film(
     ----------
     made : callable
         Returns the recording of some of the shots, given as pairs of number and angle in degrees.
-    shots, angles, folder
-        The shots, the given angles, and the folder where a table of angles may lie.
+    shots, options, folder
+        The shots, what the user knows of their angles, and the folder where a table of angles may lie.
     progress : callable
         Called with the share of a film that has been searched.
 
@@ -98,9 +106,9 @@ def views_or_film(
     Every frame of a film is read once, to find the stops: about 15 ms each at 640x480 px. The frames of a
     stop are averaged when its view is read.
     """
-    step_deg = angles.film_step_deg(shots)
+    step_deg = film_step_deg(options, shots)
     if step_deg is None or shots.times_s is None:
-        return made(angles.views(shots, folder=folder))
+        return made(views_of(shots, options, folder))
     frames = made([(n, 0.0) for n in range(shots.count)])
     seen, times_s = list[int](), shots.times_s
 

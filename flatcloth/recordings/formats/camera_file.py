@@ -18,7 +18,7 @@ from flatcloth.recordings.files.camera import WORDS, Lens, checked_intrinsics, c
 from flatcloth.recordings.files.depth_files import camera_of, read_depth_header, read_pcd
 from flatcloth.recordings.files.images import read_header
 from flatcloth.recordings.files.text import failing, load_table, read_text, shortened, unused
-from flatcloth.recordings.source import SourceOptions
+from flatcloth.recordings.options import SourceOptions
 
 _STEMS = ("intrinsic", "intrinsics", "camera_intrinsic", "camera", "camera_info", "calibration", "ost")
 _ENDINGS = (".json", ".yaml", ".yml", ".xml", ".txt")

@@ -16,13 +16,13 @@ import re
 from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings.base import Recording
+from flatcloth.recordings.base import Format, Recording
 from flatcloth.recordings.files.depth_files import read_pcd
 from flatcloth.recordings.files.images import read_header
 from flatcloth.recordings.film.angles import ANGLES_FILE
 from flatcloth.recordings.formats.camera_file import camera_files
-from flatcloth.recordings.formats.image_pairs import recording_of
-from flatcloth.recordings.source import OPTION_NAMES, Format, SourceOptions
+from flatcloth.recordings.formats.color_and_depth import recording_of
+from flatcloth.recordings.options import OPTION_NAMES, SourceOptions
 
 UNITS_PER_M = 1000.0
 """Depth of the data set: millimetres."""

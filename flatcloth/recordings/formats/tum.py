@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings.base import Recording
+from flatcloth.recordings.base import Format, Recording
 from flatcloth.recordings.files.text import inside, read_rows, shortened
 from flatcloth.recordings.film.angles import pair_by_time
-from flatcloth.recordings.formats.image_pairs import recording_of
+from flatcloth.recordings.formats.color_and_depth import recording_of
 from flatcloth.recordings.formats.naming import unit_of_time
-from flatcloth.recordings.source import Format, SourceOptions
+from flatcloth.recordings.options import SourceOptions
 
 UNITS_PER_M = 5000.0
 """The TUM RGB-D format: 5000 is one metre."""
@@ -33,7 +33,6 @@ def is_tum(folder: Path) -> bool:
 
 def open_tum(folder: Path, options: SourceOptions) -> Recording:
     """Open a TUM RGB-D folder: ``associations.txt``, or ``rgb.txt`` and ``depth.txt``."""
-    options.refuse(str(folder), "turning_deg", "sweep")
     folder = folder.resolve()
     listed = next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)
     pairs = _paired_lists(folder) if listed is None else _associations(folder, listed)
@@ -53,7 +52,13 @@ def open_tum(folder: Path, options: SourceOptions) -> Recording:
     )
 
 
-FORMAT = Format(name="tum", what="a TUM RGB-D folder", recognises=is_tum, open=open_tum)
+FORMAT = Format(
+    name="tum",
+    what="a TUM RGB-D folder",
+    recognises=is_tum,
+    open=open_tum,
+    refuses=("turning_deg", "sweep"),
+)
 
 
 def _rows(path: Path, columns: int) -> list[tuple[int, list[str]]]:

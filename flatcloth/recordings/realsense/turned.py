@@ -20,13 +20,13 @@ from flatcloth.core.types import Float64, Progress, no_progress
 from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.film.angles import (
     SAME_VIEW_DEG,
-    GivenAngles,
     distinct,
     read_turning,
     stops_found,
 )
 from flatcloth.recordings.film.recording import average_color, average_depth
 from flatcloth.recordings.film.stillness import Glance, Stop, find_stops, glance
+from flatcloth.recordings.options import SourceOptions
 from flatcloth.recordings.realsense.player import ALIGNMENTS, Pair, RealsensePlayer
 
 MOST_FRAMES = 30
@@ -60,7 +60,7 @@ class _Look:
 
 def open_realsense(
     path: Path,
-    angles: GivenAngles | None = None,
+    options: SourceOptions | None = None,
     align: str | None = None,
     progress: Progress = no_progress,
 ) -> Recording:
@@ -70,7 +70,7 @@ def open_realsense(
     ----------
     path : Path
         A ``.db3`` or ``.bag`` file.
-    angles : GivenAngles, optional
+    options : SourceOptions, optional
         The step is the rotation between two stops or, if the angle is known at all times, between views; its
         sign is the direction of rotation. The table has times and angles; of a constant speed two lines are
         enough. By default the stops are searched and assumed 10 degrees apart.
@@ -89,7 +89,7 @@ def open_realsense(
     -----
     A frame of 480x848 px costs 12 ms of computing, and 30 ms more if it belongs to a view.
     """
-    given = angles or GivenAngles()
+    given = options or SourceOptions()
     step_deg = _STEP_DEG if given.step_deg is None else given.step_deg
     if not 0.1 <= abs(step_deg) <= 180:
         raise RecordingError(f"--step {step_deg:g}: give degrees, 0.1 to 180 (or negative).")
@@ -107,7 +107,7 @@ def open_realsense(
         notes.append(
             f"Only {player.read_s:.1f} of {player.duration_s:.1f} s could be read: the file is damaged there."
         )
-    phases, found = _phases(path, look, given.table, step_deg)
+    phases, found = _phases(path, look, given.angles, step_deg)
     notes.append(found)
     views = _averaged(player, look, phases, progress, apart_frames)
     if not views:

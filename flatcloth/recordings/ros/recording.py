@@ -19,9 +19,10 @@ from flatcloth.recordings.files import images
 from flatcloth.recordings.files.camera import MOST_PIXELS
 from flatcloth.recordings.files.depth_files import metres_of
 from flatcloth.recordings.files.text import failing, one_line, shortened
-from flatcloth.recordings.film.angles import GivenAngles, Shots, left_out, pair_by_time
+from flatcloth.recordings.film.angles import Shots, left_out, pair_by_time
 from flatcloth.recordings.film.recording import views_or_film
 from flatcloth.recordings.formats.camera_file import Camera, camera_of_table
+from flatcloth.recordings.options import SourceOptions
 from flatcloth.recordings.ros.bag import CAMERA_INFO, COMPRESSED, RAW, Bag, Place
 
 _COLORS = {
@@ -133,14 +134,14 @@ class _Topic:
     info: Any
 
 
-def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) -> Recording:
+def open_ros(path: Path, options: SourceOptions, progress: Progress = no_progress) -> Recording:
     """Open a ROS recording.
 
     Parameters
     ----------
     path : Path
         A ``.bag`` of ROS 1, a ``.mcap`` or ``.db3`` of ROS 2, or the folder of a ROS 2 recording.
-    angles : GivenAngles
+    options : SourceOptions
         Angles of the pairs of color and depth, in order of their time stamps.
     progress : callable
         Called with the share of a film that has been searched.
@@ -175,7 +176,7 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
             read=lambda n: _read(path, bag, camera, n, dict(zip(names, places[n], strict=True))),
         )
 
-    return views_or_film(made, shots, angles, path if path.is_dir() else None, progress)
+    return views_or_film(made, shots, options, path if path.is_dir() else None, progress)
 
 
 def _read(path: Path, bag: Bag, camera: Camera, view_index: int, places: dict[str, Place]) -> ViewImages:

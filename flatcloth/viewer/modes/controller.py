@@ -183,13 +183,13 @@ class PageController(ABC):
 
     def named_points(self) -> Sequence[Pick]:
         """Return the named points of the garment that were seen, as grasps; may take a second."""
-        from flatcloth.export.garment import garment_points, other_points
+        from flatcloth.export.garment import named_points
 
         picture = self.picture
         if picture is None or picture.document is None:
             return ()
         known, other = self.garments.known(picture.document), picture.other
-        return [*garment_points(known), *other_points(known, None if other is None else other.sides)]
+        return named_points(known, None if other is None else other.sides)
 
     def propose_pick(self, place: tuple[float, ...], name: str = "", revision: int | None = None) -> int:
         """Add a pick of a program and return its number, when it is stored; from any other thread.

@@ -16,7 +16,7 @@ from msgspec import Meta
 from flatcloth.core.decoding import Finite
 from flatcloth.core.errors import FlatclothError
 from flatcloth.rendering.layers import LayerName
-from flatcloth.session.document import MAX_EXTENT_M
+from flatcloth.session.garment import MAX_EXTENT_M
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 

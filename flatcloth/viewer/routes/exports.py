@@ -36,7 +36,7 @@ class ExportRoutes:
     """
 
     def __init__(self, page: PageController) -> None:
-        self._page, self._kept = page, Kept(page.garments, page.both)
+        self._page, self._kept = page, Kept(page.garments, lambda: page.both() is not None)
         self._clients: set[threading.Event] = set()  # each is set when the client of an export has left
 
     def stop(self) -> None:

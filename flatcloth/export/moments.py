@@ -14,7 +14,7 @@ import numpy as np
 from flatcloth.core.geometry import Rigid3, camera_from_object
 from flatcloth.core.types import Bool, Float32, RgbdFrame, Uint8
 from flatcloth.export.data import png_bytes
-from flatcloth.export.garment import garment_points
+from flatcloth.export.garment import named_points
 from flatcloth.export.session import OpenedSession
 from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.rendering.pictures import jpeg
@@ -71,7 +71,7 @@ def moments(session: OpenedSession) -> Iterator[Moment]:
 
 def points_of(session: OpenedSession) -> list[Pick]:
     """Return the picks of a session, and the named points that were seen."""
-    return [*session.history.picks, *garment_points(session.data.garment)]
+    return [*session.history.picks, *named_points(session.data.garment)]
 
 
 # --- rerun ----------------------------------------------------------------------------------------

@@ -19,7 +19,6 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.geometry import window_of
-from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import Float64, RgbdFrame, RotationAxis
 from flatcloth.export.data import GARMENT, GRASPS
 from flatcloth.export.files import write_text
@@ -28,6 +27,7 @@ from flatcloth.grasping.visibility import Visibility, project, visibility_in
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.rendering.pictures import jpeg
 from flatcloth.session.header import HEADER, read_header
+from flatcloth.session.kept import read_kept
 
 ANNOTATIONS = "annotations.json"
 NOT_LABELLED, HIDDEN, VISIBLE = 0, 1, 2
@@ -116,16 +116,10 @@ def write_coco(folders: Iterable[Path], out: Path) -> tuple[int, int]:
 
 def _result(folder: Path) -> _Result | None:
     """Read a result; None if its garment is not known."""
-    if not (folder / GARMENT).exists() or not (folder / HEADER).exists():
-        return None
-    try:
-        garment = msgspec.json.decode(read_plain(folder / GARMENT), type=_Garment)
-        grasps = msgspec.json.decode(read_plain(folder / GRASPS), type=_Grasps)
-    except OSError as error:
-        raise FlatclothError(f"{folder}: cannot be read ({error.strerror}); export it again.") from error
-    except msgspec.MsgspecError as error:
-        raise FlatclothError(f"{folder}: its files are damaged ({error}); export it again.") from error
-    if garment.kind not in {kind.name for kind in known_kinds()}:
+    kinds = {kind.name for kind in known_kinds()}
+    garment = read_kept(folder / GARMENT, _Garment, "Export it again.")
+    grasps = read_kept(folder / GRASPS, _Grasps, "Export it again.")
+    if grasps is None or garment is None or garment.kind not in kinds or not (folder / HEADER).exists():
         return None
     axis = grasps.rotation_axis
     return _Result(
