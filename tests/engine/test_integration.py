@@ -1,19 +1,17 @@
 from __future__ import annotations
 
 from functools import partial
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from scenes import AXIS, Cylinder
-from sheet_runs import SHEET, STEPS, done, errors_m, shared
+from sheet_runs import STEPS, done, errors_m, shared
 from sheet_runs import integration as sheet_integration
 
 from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.errors import FlatclothError, FlatteningError
 from flatcloth.core.types import Rigid2, RotationAxis
-from flatcloth.engine.headless import Run, accept_by_score
+from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
@@ -28,7 +26,6 @@ from flatcloth.session.machine import (
     Nudge,
     Phase,
     Propose,
-    Proposed,
     Reject,
     SessionState,
     Start,
@@ -43,55 +40,6 @@ def started(made: Integration, view: int | None = None) -> SessionState:
     return done(made, SessionState(len(made.recording)), Start(view))
 
 
-def test_a_view_that_is_planned_has_its_reason_though_it_was_chosen_by_hand_before() -> None:
-    made = integration()
-    begun = started(made)
-    planned = made.plan(begun.document).view_index
-    by_hand = done(made, begun, Propose(planned))
-    assert made.proposal(by_hand.document).plan is None
-    proposed = done(made, begun, Propose())
-    assert made.proposal(proposed.document).plan.view_index == planned
-
-
-@pytest.mark.parametrize("folded_share", [0.0, 0.5, None])
-def test_whether_a_view_is_folded_is_remembered_when_it_is_released(
-    folded_share: float | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    flattened: list[int] = []
-
-    def flattening(view_index: int) -> Any:
-        flattened.append(view_index)
-        if folded_share is None:
-            raise FlatteningError("It shows too little cloth.")
-        component = SimpleNamespace(view=SimpleNamespace(area_m2=0.1), folded_share=folded_share)
-        return SimpleNamespace(components=(component,))
-
-    views = integration().views
-    monkeypatch.setattr(views, "flattening", flattening)
-    for _ in range(2):
-        assert views.unfolded_area_m2(3) == (0.1 if folded_share == 0.0 else 0.0)
-        views.release({3})
-    assert flattened == [3]
-    views.turn_about(views.axis)  # what depends on the axis is asked again
-    assert views.unfolded_area_m2(3) == (0.1 if folded_share == 0.0 else 0.0)
-    assert flattened == [3, 3]
-
-
-def test_unattended_two_threads_read_the_views_and_each_is_read_once() -> None:
-    reads: list[int] = []
-
-    class Counted(Cylinder):
-        def __getitem__(self, view_index: int) -> Any:
-            reads.append(view_index)
-            return super().__getitem__(view_index)
-
-    made = Integration(Counted(**SHEET), method="paper")  # type: ignore[arg-type]
-    made.views.keep_frames()
-    areas = made.views.observed_areas_m2()
-    assert sorted(reads) == list(range(len(STEPS)))
-    np.testing.assert_array_equal(areas, shared("paper").views.observed_areas_m2())
-
-
 def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
     made = integration()
     state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
@@ -102,19 +50,6 @@ def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
     exact = np.radians(200) * 0.12 * 0.2
     assert view.area_m2 == pytest.approx(exact, rel=0.08)
     assert np.percentile(errors_m(view), 95) < 0.004
-
-
-def test_undo_is_exact_and_costs_nothing() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose())
-    before = made.canonical(state.document)
-    pending = state.document.pending
-    assert pending is not None
-    state = apply(state, Accept(pending.view_index))
-    assert made.canonical(state.document).view.area_m2 > before.view.area_m2
-    state = apply(state, Undo())
-    assert made.canonical(state.document) is before
-    assert state.document.pending == pending
 
 
 def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
@@ -149,17 +84,6 @@ def test_a_nudge_moves_the_overlay_which_is_made_once_for_each_place_and_lowers_
     assert apply(nudged, Accept(view)).document.accepted[-1].fixed
 
 
-def test_any_view_can_be_asked_for_by_hand() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose(2))
-    pending = state.document.pending
-    assert pending is not None
-    assert (pending.view_index, pending.side) == (2, Side.LEFT)
-    state = done(made, started(made, 0), Propose(17))
-    assert state.document.pending.side is Side.RIGHT  # type: ignore[union-attr]
-    assert made.proposal(state.document).plan is None
-
-
 def test_a_view_of_the_other_side_is_passed_over_with_its_reason() -> None:
     made = integration(span_deg=(-60.0, 60.0), angles_deg=(0.0, 160.0, 200.0))
     state = done(made, started(made, 0), Propose())
@@ -180,19 +104,6 @@ def test_unsure_refusals_lead_to_another_view_and_an_end() -> None:
     assert len(refused) == len(set(refused)) >= 2
     assert not state.document.accepted
     assert state.phase is Phase.FINISHED
-
-
-def test_the_policy_goes_by_the_score() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose())
-    assert isinstance(accept_by_score(made, state), Accept)
-    proposed = Proposed(99, 3, Rigid2(), Side.LEFT, 0.1)
-    low = apply(apply(started(made, 0), Propose()), proposed)
-    assert low.document.pending is None  # another token: ignored
-    request = apply(started(made, 0), Propose()).request
-    assert request is not None
-    low = apply(apply(started(made, 0), Propose()), Proposed(request.token, 3, Rigid2(), Side.LEFT, 0.1))
-    assert accept_by_score(made, low) == Reject(3, UNSURE)
 
 
 def test_without_masks_or_axis_the_notes_say_so() -> None:

@@ -10,7 +10,7 @@ import pytest
 from garment_evidence import blank_view
 
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, PLACED, label_of, lay_out, with_placed_pieces
+from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, PLACED, lay_out, with_placed_pieces
 from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.methods.answers import Canonical
 
@@ -31,14 +31,6 @@ def canonical(*floating: FlattenedView) -> Canonical:
     return Canonical(view=patch(100, 60, (-0.1, 0.3)), current_from_view={}, floating=floating)
 
 
-def test_without_pieces_the_sheet_is_the_shape() -> None:
-    made = canonical()
-    sheet = lay_out(made)
-    assert sheet.view is made.view
-    assert (sheet.piece == 0).all()
-    assert (sheet.pieces, sheet.floating_m2) == ((), 0.0)
-
-
 def test_far_pieces_come_beside_the_shape_the_largest_first_and_none_covers_another() -> None:
     small, large = patch(20, 30, (10.0003, -3.0), 2), patch(50, 40, (20.0, 7.0007), 1)
     sheet = lay_out(canonical(small, large))
@@ -54,31 +46,12 @@ def test_far_pieces_come_beside_the_shape_the_largest_first_and_none_covers_anot
     assert sheet.view.shape[1] * PIXEL_M < 0.5
 
 
-def test_every_pixel_keeps_its_point_in_space() -> None:
-    piece = patch(20, 30, (10.0003, -3.0), 2)
-    sheet = lay_out(canonical(piece))
-    shown = sheet.view.xyz_m[sheet.piece == 1].reshape(20, 30, 3)
-    np.testing.assert_array_equal(shown, piece.xyz_m)
-    rc = np.argwhere(sheet.piece == 1)[0]
-    there = sheet.view.uv_from_rc(rc) - np.array(sheet.pieces[0].shift_m)
-    np.testing.assert_allclose(there, piece.origin_uv_m, atol=1e-9)
-
-
 def test_a_piece_whose_place_is_not_reliable_stays_there_and_the_shape_covers_it() -> None:
     sheet = lay_out(canonical(patch(20, 40, (-0.02, 0.4), 3)))
     (piece,) = sheet.pieces
     assert (piece.reason, piece.shift_m) == (LOOSE, (0.0, 0.0))
     assert int((sheet.piece == 0).sum()) == 6000
     assert 0 < int((sheet.piece == 1).sum()) < 800
-
-
-def test_what_the_shape_does_not_know_of_a_piece_is_unknown_there() -> None:
-    made = canonical(patch(20, 30, (10.0, 0.0)))
-    std = np.full(made.view.shape, 0.001, dtype=np.float32)
-    sheet = lay_out(replace(made, view=replace(made.view, placement_std_m=std)))
-    assert sheet.view.placement_std_m is not None
-    assert np.isnan(sheet.view.placement_std_m[sheet.piece == 1]).all()
-    assert (sheet.view.placement_std_m[sheet.piece == 0] == np.float32(0.001)).all()
 
 
 def test_a_placement_on_a_piece_is_shown_there_and_meant_where_it_is_put() -> None:
@@ -94,17 +67,6 @@ def test_a_placement_on_a_piece_is_shown_there_and_meant_where_it_is_put() -> No
     dragged = Rigid2(0.3, -0.05, 0.4)
     assert sheet.meant(dragged, center) == dragged
     assert sheet.shown(dragged, center) == dragged
-
-
-def test_a_placement_far_from_all_cloth_is_shown_beside_the_shape() -> None:
-    sheet, center = lay_out(canonical()), np.array([0.03, 0.02])
-    shown = sheet.shown(Rigid2(0.0, 10.0, 0.0), center)
-    assert sheet.view.origin_uv_m[0] < shown.apply(center)[0] < 0.3
-    assert sheet.meant(shown, center) == shown
-
-
-def test_pieces_are_lettered_on_after_z() -> None:
-    assert [label_of(n) for n in (0, 1, 25, 26, 27)] == ["A", "B", "Z", "AA", "AB"]
 
 
 def test_a_piece_placed_by_the_garment_lies_on_the_shape_and_is_found_there() -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import io
-import math
 import re
 import zipfile
 from dataclasses import replace
@@ -14,28 +12,21 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from garment_evidence import blank_view
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.figure import Figure as Drawing
 from PIL import Image
 
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.garment import KnownGarment
 from flatcloth.export.by_name import made
-from flatcloth.export.figures import all_figures, garment, maps, plan_of, side_of
+from flatcloth.export.figures import all_figures, garment
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import Plan
-from flatcloth.rendering.drawing import add_ramp, drawn, nice_below, painted, show_picture, svg_of
-from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, PlanePicture, cropped, laid_on
+from flatcloth.rendering.drawing import drawn, painted, svg_of
+from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, laid_on
 from flatcloth.session.document import Document
 
 SVG = "{http://www.w3.org/2000/svg}"
-
-
-def pixels(figure: Drawing) -> np.ndarray:
-    return np.asarray(Image.open(io.BytesIO(painted(figure))))[..., :3]
 
 
 def texts_of(figure: Drawing) -> list[str | None]:
@@ -45,20 +36,6 @@ def texts_of(figure: Drawing) -> list[str | None]:
 # --- drawings -------------------------------------------------------------------------------------
 
 
-def test_a_picture_is_painted_pixel_by_pixel_and_is_transparent_where_it_is() -> None:
-    rgba = np.zeros((2, 2, 4), dtype=np.uint8)
-    rgba[0, 0] = (10, 20, 30, 255)
-    drawing, (axes,) = drawn(20, 20, "")
-    show_picture(axes, PlanePicture(rgba=rgba, pixel_size_m=0.1, origin_uv_m=(0.0, 0.0)), most=0.5)
-    colors, count = np.unique(pixels(drawing).reshape(-1, 3), axis=0, return_counts=True)
-    assert (
-        count[(colors == (10, 20, 30)).all(axis=1)] == 20 * 20
-    )  # a quarter of the picture, two pixels a point
-    held = re.search(r'xlink:href="data:image/png;base64,([^"]+)"', svg_of(drawing, ""))
-    assert held is not None
-    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(base64.b64decode(held[1])))), rgba)
-
-
 def test_text_is_escaped_and_read_aloud_and_dollar_signs_are_no_formula() -> None:
     for said in ("a <b> & c\u00b2 \u2212", "from $a_0$ to \u65e5\u672c"):  # the font has no such signs
         drawing, _ = drawn(200, 40, said)
@@ -66,34 +43,6 @@ def test_text_is_escaped_and_read_aloud_and_dollar_signs_are_no_formula() -> Non
         root = ElementTree.fromstring(svg_of(drawing, 'shape "<1>"'))
         assert root.findtext(f"{SVG}title") == 'shape "<1>"'
         assert said in texts_of(drawing)
-
-
-# --- scales ---------------------------------------------------------------------------------------
-
-
-@given(st.floats(1e-9, 1e9))
-def test_a_scale_bar_is_round_and_fits(value: float) -> None:
-    nice = nice_below(value)
-    assert 0.39 * value <= nice <= value * (1 + 1e-9)
-    assert f"{nice:.0e}"[0] in "125"
-
-
-@pytest.mark.parametrize(("low", "high"), [(3.0, 3.0), (math.nan, 1.0), (-1300.0, 0.0), (0.01, 0.03)])
-def test_a_ramp_has_the_ticks_of_its_range(low: float, high: float) -> None:
-    drawing, (axes,) = drawn(100, 200, "")
-    axes.set_axis_off()
-    add_ramp(axes, "", ["#000000", "#ff0000"], low, high)
-    found = [float((text or "").replace("\u2212", "-")) for text in texts_of(drawing)]
-    if not math.isfinite(low):
-        assert found == []
-    elif low == high:
-        assert found == [low]
-    else:
-        assert 3 <= len(found) <= 9
-        assert low <= min(found) < max(found) <= high
-    image = pixels(drawing)
-    black, red = ((image == color).all(axis=2).nonzero()[0] for color in ((0, 0, 0), (255, 0, 0)))
-    assert np.median(black) > np.median(red)  # the first colour is at the bottom
 
 
 # --- pictures of the plane ------------------------------------------------------------------------
@@ -118,14 +67,6 @@ def test_a_proposal_lies_on_the_shape_where_it_belongs() -> None:
     np.testing.assert_allclose(picture.rgba[5, 2, :3], tinted, atol=1)  # what it adds
     assert picture.rgba[0, 0, 3] == 0
     assert (picture.rgba[9, 12, :3] > 150).all()  # the shape, pale
-
-
-def test_a_picture_loses_its_empty_rim() -> None:
-    valid = np.zeros((30, 40), bool)
-    valid[10:15, 20:30] = True
-    picture = cropped(np.zeros((30, 40, 4), np.uint8), view_of(valid, (0, 0), 0), margin_px=2)
-    assert picture.rgba.shape == (9, 14, 4)
-    assert picture.origin_uv_m == pytest.approx((0.036, 0.016))
 
 
 # --- the figures of a session ---------------------------------------------------------------------
@@ -183,13 +124,6 @@ def test_the_garment_is_drawn_with_its_outline_and_told_in_report_and_page(sessi
     assert set(known.found.points) <= set(texts_of(figure.drawing))
 
 
-def test_picks_are_marked_on_the_shape(session: OpenedSession) -> None:
-    (shape,) = maps(session, ("color",))
-    text = texts_of(shape.drawing)
-    assert {"1", "2"} <= set(text)
-    assert "3" not in text  # it does not lie on the shape
-
-
 def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedSession) -> None:
     class Otherwise:
         """The integration of the session, with plans that know no sides."""
@@ -207,15 +141,3 @@ def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedS
     text = report(other)
     assert "967 cm² new" in text
     assert "h(u) and A_z(u) of view 2" in text
-
-
-def test_a_shape_from_which_nothing_can_be_planned_any_more_has_no_plan(session: OpenedSession) -> None:
-    class Stuck:
-        axis = session.integration.axis
-
-        def plan(self, _document: Document) -> Plan:
-            raise FlatclothError("nothing to plan")
-
-    stuck = OpenedSession(session.history, Stuck())  # type: ignore[arg-type]
-    assert plan_of(stuck, session.history.decisions[2]) is None
-    assert side_of(None, session.history.decisions[2]) is None

@@ -12,20 +12,17 @@ import pytest
 from exported_sessions import cylinder_session, write_cylinder
 from scenes import sheet
 
-from flatcloth.core.cache import size_in_bytes
 from flatcloth.core.errors import JournalError, RecordingError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import at_step
-from flatcloth.engine.sheet import lay_out
-from flatcloth.export.figures import picture_before
-from flatcloth.export.growth import Kept, colors_of, grow, key_of
+from flatcloth.export.growth import grow
 from flatcloth.export.report import _floating
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.garments.deciding import placed_piece
 from flatcloth.methods.answers import Canonical
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.garment import GarmentDecisions, PlacedPiece
+from flatcloth.session.garment import GarmentDecisions
 from flatcloth.session.kept import write_axis
 
 
@@ -41,23 +38,6 @@ def test_each_step_shows_what_the_shape_was(session: OpenedSession) -> None:
         assert growth.shown_after(step.order).sum() * pixel_m2 == pytest.approx(exact.area_m2, rel=0.02)
     assert (growth.shown_after(2) == growth.view.valid).all()
     assert sum(s.added_m2 for s in growth.steps) == pytest.approx(growth.view.area_m2)
-
-
-def test_source_steps_are_the_views_of_the_pixels(session: OpenedSession) -> None:
-    growth = session.growth
-    for step in growth.steps:
-        assert (growth.view.view_index[growth.source_step == step.order] == step.view_index).all()
-    assert (growth.source_step[~growth.view.valid] == -1).all()
-    assert (growth.first_step <= growth.source_step).all()
-
-
-def test_each_step_knows_the_decision_that_stands(session: OpenedSession) -> None:
-    start, first, second = session.growth.steps
-    assert start.decision is None
-    assert first.decision is not None
-    assert (first.decision.number, first.decision.verdict) == (2, "accepted")  # not the refusal before
-    assert second.decision is not None
-    assert second.decision.number == 3
 
 
 def drawn(session: OpenedSession, *shapes: Canonical) -> Integration:
@@ -151,71 +131,3 @@ def test_the_axis_that_the_session_keeps_is_used_and_left_alone(tmp_path: Path) 
     np.testing.assert_allclose(opened.data.frames.axis.point_m, own.point_m + np.array([0.004, 0.0, 0.0]))
     assert opened.growth.view.valid.any()
     assert {p.name: p.read_bytes() for p in made.history.folder.iterdir()} == before
-
-
-def test_poses_are_given_where_the_item_stands(session: OpenedSession) -> None:
-    last = session.integration.recording.angles_deg[session.growth.steps[-1].view_index]
-    assert session.data.frames.rotation_deg == last
-    assert session.data.frames.grips[1].opening_m == 0.06
-
-
-# --- what exports share ---------------------------------------------------------------------------
-
-
-class Counting:
-    """An integration that counts the shapes asked for by their number of accepted views."""
-
-    def __init__(self, session: OpenedSession) -> None:
-        self._integration = session.integration
-        self.asked: list[int] = []
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._integration, name)
-
-    def canonical(self, document: Document) -> Canonical:
-        self.asked.append(len(document.accepted))
-        return self._integration.canonical(document)
-
-
-def test_a_second_export_computes_no_shape_of_the_past_again(session: OpenedSession) -> None:
-    kept, made = Kept(), []
-    for _ in range(2):
-        counting = Counting(session)
-        opened = OpenedSession(session.history, cast("Integration", counting), kept=kept)
-        pictures = [picture_before(opened, d).rgba.tobytes() for d in session.history.decisions]
-        made.append((opened.growth, pictures))
-    assert set(counting.asked) == {2}  # only the last shape
-    (growth, pictures), (again, pictures_again) = made
-    assert (growth.first_step == again.first_step).all()
-    assert growth.steps == again.steps
-    assert pictures == pictures_again
-
-
-def test_what_is_kept_is_that_of_the_axis_and_of_the_decisions(session: OpenedSession) -> None:
-    axis, document = session.integration.axis, session.history.document
-    moved = replace(axis, point_m=axis.point_m + 0.001)
-    piece = replace(document.garment, pieces=(cast("PlacedPiece", "a piece"),))
-    others = [
-        replace(document, accepted=document.accepted[:1]),
-        replace(document, accepted=document.accepted[::-1]),
-        replace(document, garment=piece),
-    ]
-    keys = {key_of(axis, document), key_of(moved, document), *(key_of(axis, other) for other in others)}
-    assert len(keys) == 5
-    # What happened after a shape does not change it.
-    later = replace(document, pending=None, finished="done")
-    assert key_of(axis, later) == key_of(axis, document)
-
-
-def test_a_kept_sheet_has_the_colors_and_pieces_of_the_sheet_and_takes_little() -> None:
-    main, piece = sheet(0, 0, 40, 0.0), sheet(1, 0, 30, 0.0)
-    far = replace(piece, origin_uv_m=(12.0, 3.0))
-    whole = lay_out(Canonical(view=main, current_from_view={}, floating=(far,)))
-    back = colors_of(whole)
-    assert (back.view.valid == whole.view.valid).all()
-    assert (back.view.rgb == whole.view.rgb).all()
-    assert (back.piece == whole.piece).all()
-    at, far_off = np.array([0.02, 0.02]), Rigid2(0.0, 12.0, 3.0)
-    assert back.shown(far_off, at) == whole.shown(far_off, at) != far_off
-    assert (back.view.origin_uv_m, back.pieces[0].label) == (whole.view.origin_uv_m, "B")
-    assert size_in_bytes(back) < 0.3 * size_in_bytes(whole)

@@ -21,7 +21,7 @@ from flatcloth.garments.deciding import (
 )
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.recognition import NONE, Recognition, recognise
+from flatcloth.garments.recognition import Recognition, recognise
 from flatcloth.session.garment import GarmentDecisions
 
 Skirt = tuple[PieceEvidence, FlattenedView, Recognition]
@@ -58,11 +58,6 @@ def test_a_kind_set_by_hand_is_the_answer_and_brings_its_own_points(skirt: Skirt
     assert sorted(changed.points) == [f"corner_{n}" for n in range(4)]
     assert changed.held == frozenset()
     assert changed.probabilities == found.probabilities
-
-
-def test_without_decisions_nothing_changes(skirt: Skirt) -> None:
-    evidence, view, found = skirt
-    assert decided(found, [evidence], view, None) == found
 
 
 def sheet_view(valid: np.ndarray) -> FlattenedView:
@@ -114,10 +109,3 @@ def test_a_point_on_a_placed_piece_is_seen_there(skirt: Skirt) -> None:
     assert (seen.pixel, seen.piece) == ((20, 20), 0)
     others = with_placed_cloth(found, DecidedPieces(shape_from_piece={}, refused=frozenset()), (piece,))
     assert others.points[name].pixel is None
-
-
-def test_an_operator_may_say_that_an_item_is_none_of_the_known_kinds(skirt: Skirt) -> None:
-    evidence, view, found = skirt
-    changed = decided(found, [evidence], view, NONE)
-    assert (changed.kind, changed.by_hand) == (NONE, NONE)
-    assert changed.fits == found.fits

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -61,16 +60,6 @@ def test_a_format_of_another_package_is_found_by_its_entry_point(
         open_recording(tmp_path / "nothing")
 
 
-def test_a_format_of_another_package_may_fail_but_not_the_program(added: None, tmp_path: Path) -> None:
-    for name in ("bad.mine", "x.trip"):
-        (tmp_path / name).touch()
-    with pytest.raises(RecordingError, match="the format mine failed") as caught:
-        open_recording(tmp_path / "bad.mine")
-    assert "\n" not in str(caught.value)
-    with pytest.raises(RecordingError, match="not a recording"):
-        open_recording(tmp_path / "x.trip")
-
-
 def test_a_format_can_be_named(added: None, tmp_path: Path) -> None:
     folder = write_recording(tmp_path / "in")
     assert open_recording(folder, SourceOptions(format="mine")).name == "in"
@@ -93,13 +82,6 @@ def test_a_field_of_view_makes_a_rough_camera_and_says_so(tmp_path: Path) -> Non
         open_recording(folder, SourceOptions(step_deg=10, fov_deg=(60, 45), camera_file=Path("a.json")))
     with pytest.raises(RecordingError, match="not a field of view"):
         open_recording(folder, SourceOptions(step_deg=10, fov_deg=(0, 200)))
-
-
-def test_options_survive_a_table(tmp_path: Path) -> None:
-    said = SourceOptions(angles=tmp_path / "a.csv", fov_deg=(60.0, 40.0), turning_deg=-90.0, sweep="back")
-    assert SourceOptions.from_dict(json.loads(json.dumps(said.to_dict())), "row 1") == said
-    row = {"fov_deg": "60, 40", "turning_deg": "-90", "sweep": "back", "angles": "a.csv", "step_deg": ""}
-    assert SourceOptions.from_dict(row, "row 1", base=tmp_path) == said
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import sqlite3
 import subprocess
@@ -15,7 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from realsense_files import HEIGHT, WALL_M, WIDTH, Shot, stop_and_go, turning, write_realsense
+from realsense_files import WALL_M, stop_and_go, turning, write_realsense
 from scenes import CAMERA, Cylinder
 
 from flatcloth.cli import main
@@ -23,7 +22,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.files import libraries as realsense_library
 from flatcloth.recordings.film.angles import GivenAngles
-from flatcloth.recordings.realsense.player import RealsensePlayer, is_realsense
+from flatcloth.recordings.realsense.player import RealsensePlayer
 from flatcloth.recordings.realsense.turned import open_realsense
 
 STOPS = 3
@@ -63,28 +62,6 @@ def test_the_stops_of_a_file_become_views(files: Path) -> None:
         assert np.median(np.abs(shown - color)[color.any(axis=2)]) < 2
     with pytest.raises(IndexError):
         read[STOPS]
-
-
-def test_each_stop_has_a_filter_of_its_own(tmp_path: Path) -> None:
-    """What a carried temporal filter would mix in: the place of the cloth at the stop before."""
-
-    def wall(depth_mm: int, at: float) -> list[Shot]:
-        rng = np.random.default_rng(depth_mm)
-        texture = np.repeat(rng.integers(40, 200, (HEIGHT // 8, WIDTH // 8), dtype=np.uint8), 8, 0).repeat(
-            8, 1
-        )
-        color = np.repeat(texture[..., None], 3, axis=2)
-        return [Shot(at + n / 15, color, np.full((HEIGHT, WIDTH), depth_mm, np.uint16)) for n in range(11)]
-
-    file = write_realsense(tmp_path / "walls.db3", [*wall(850, 0.0), *wall(858, 11 / 15)])
-    read = open_realsense(file)
-    assert [float(np.median(read[n].depth_m)) for n in range(2)] == pytest.approx([0.850, 0.858], abs=2e-4)
-
-
-def test_a_camera_that_is_no_stereo_camera_is_not_biased(tmp_path: Path) -> None:
-    """librealsense's filters round whole millimetres down at each step, 4 mm in all."""
-    file = write_realsense(tmp_path / "tof.db3", turning(lambda _t: 0.0, 1.0), stereo=False)
-    assert abs(np.median(depth_error_mm(open_realsense(file), 0, 0.0))) < 0.3
 
 
 def test_steps_may_be_negative_and_what_comes_after_a_whole_turn_is_left_out(files: Path) -> None:
@@ -154,43 +131,6 @@ def test_color_that_comes_late_is_paired_with_its_own_depth(tmp_path: Path) -> N
         assert int(np.argmin(apart)) == round(pair.time_s * 15)
 
 
-class Starved:
-    """A pipeline whose threads do not get to work for a while, after some frames."""
-
-    def __init__(self, pipeline: Any, frames: int, waits: int) -> None:
-        self._pipeline, self._frames, self._waits = pipeline, frames, waits
-
-    def try_wait_for_frames(self, timeout_ms: int) -> tuple[bool, Any]:
-        if self._frames > 0 or self._waits <= 0:
-            self._frames -= 1
-            return self._pipeline.try_wait_for_frames(timeout_ms)
-        self._waits -= 1
-        return False, None
-
-    def stop(self) -> None:
-        self._pipeline.stop()
-
-
-def test_frames_that_are_late_on_a_busy_machine_are_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    player = RealsensePlayer(write_realsense(tmp_path / "late.db3", turning(lambda _t: 0.0, 1.0)))
-    real = player._open
-
-    def starved(*, starting: bool) -> tuple[Any, Any, Any]:
-        config, pipeline, playback = real(starting=starting)
-        ended = SimpleNamespace(
-            current_status=lambda: player._library.playback_status.stopped,
-            get_position=lambda: 0,
-            pause=playback.pause,
-            resume=playback.resume,
-        )
-        return config, Starved(pipeline, 6, 10), ended
-
-    monkeypatch.setattr(player, "_open", starved)
-    assert len(list(player.play())) == 15
-
-
 def test_a_film_that_is_left_early_is_stopped_before_its_device_goes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -221,21 +161,6 @@ def test_a_film_that_is_left_early_is_stopped_before_its_device_goes(
     next(playing)
     cast("Generator[object, None, None]", playing).close()
     assert done == ["stopped", "idle"]
-
-
-def test_color_of_another_time_is_used_only_if_there_is_no_other(tmp_path: Path) -> None:
-    shots = turning(lambda _t: 0.0, 0.4)
-    shots = [Shot(s.time_s, s.color if n == 5 else None, s.depth_mm) for n, s in enumerate(shots)]
-    file = write_realsense(tmp_path / "apart.db3", shots, color_late_s=0.1)
-    read = open_realsense(file)
-    assert len(read) == 1
-    assert "not taken at the same time" in read.description
-
-
-def test_a_few_frames_are_one_view(tmp_path: Path) -> None:
-    read = open_realsense(write_realsense(tmp_path / "few.db3", turning(lambda _t: 0.0, 0.3)))
-    assert read.angles_deg == (0.0,)
-    assert "Only 4 frames" in read.description
 
 
 def test_a_file_killed_while_it_was_recorded_keeps_what_was_written(tmp_path: Path) -> None:
@@ -282,15 +207,6 @@ def test_a_damage_in_the_middle_is_told(files: Path, tmp_path: Path) -> None:
     # The tests' files are written about ten times as fast as a camera's.
     player.duration_s, player.read_s = 10 * player.duration_s, 10 * player.read_s
     assert player.is_short
-
-
-def test_how_much_of_a_damaged_file_was_read_stands_in_its_notes(
-    files: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(RealsensePlayer, "is_short", True)
-    read = open_realsense(files / "stops.db3")
-    # The position depends on how fast the file was written.
-    assert re.match(r"Only \d+\.\d of \d+\.\d s could be read: the file is damaged there", read.notes[0])
 
 
 def damaged_files(folder: Path, whole: bytes) -> dict[Path, str]:
@@ -351,16 +267,6 @@ def test_a_file_without_depth_or_color_is_refused(tmp_path: Path, missing: str) 
         RealsensePlayer(file)
 
 
-def test_a_recording_of_nothing_is_refused(tmp_path: Path) -> None:
-    shots = [
-        Shot(n / 15, np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint16))
-        for n in range(15)
-    ]
-    file = write_realsense(tmp_path / "dark.db3", shots)
-    with pytest.raises(RecordingError, match="no depth was measured"):
-        open_realsense(file)
-
-
 @pytest.mark.parametrize(
     ("angles", "align", "message"),
     [
@@ -375,18 +281,6 @@ def test_options_that_make_no_sense_are_refused(
 ) -> None:
     with pytest.raises(RecordingError, match=message):
         open_realsense(files / "stops.db3", angles, align)
-
-
-def test_the_kind_of_a_file_is_told_by_its_content(files: Path, tmp_path: Path) -> None:
-    assert is_realsense(files / "stops.db3")
-    other = tmp_path / "ros.db3"
-    with sqlite3.connect(other) as base:
-        base.execute("CREATE TABLE topics (id INTEGER, name TEXT)")
-        base.execute("INSERT INTO topics VALUES (1, '/camera/depth')")
-    base.close()
-    (tmp_path / "ros.bag").write_bytes(b"#ROSBAG V2.0\n topic=/camera/depth")
-    for file in (other, tmp_path / "ros.bag", tmp_path / "none.db3", tmp_path):
-        assert not is_realsense(file)
 
 
 def test_a_missing_library_is_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

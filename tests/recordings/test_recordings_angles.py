@@ -70,14 +70,6 @@ def test_a_table_that_is_wrong_is_one_line(tmp_path: Path, text: str, cause: str
     assert "\n" not in str(caught.value)
 
 
-def test_names_and_times_that_a_source_has_not_cannot_be_used(tmp_path: Path) -> None:
-    table = tmp_path / "angles.csv"
-    for text, cause in (("file,angle_deg\na,0\n", "no image files"), ("time_s,angle_deg\n0,0\n", "no times")):
-        table.write_text(text)
-        with pytest.raises(RecordingError, match=cause):
-            GivenAngles(table=table).views(Shots(source="scan", count=1))
-
-
 def test_a_step_counts_from_0_and_stops_after_a_whole_turn(tmp_path: Path) -> None:
     folder = write_open3d(tmp_path / "scan", 10)
     assert open_recording(folder, step_deg=36).angles_deg == tuple(36.0 * n for n in range(10))
@@ -109,12 +101,3 @@ def test_angles_are_given_once_and_only_where_there_are_none(tmp_path: Path) -> 
         open_recording(folder, angles=tmp_path / "angles.csv")
     with pytest.raises(RecordingError, match="contains its angles"):
         open_recording(write_recording(tmp_path / "native"), step_deg=10)
-
-
-def test_a_list_that_is_too_long_is_refused_at_once(tmp_path: Path) -> None:
-    folder = write_tum(tmp_path / "tum")
-    (listed,) = folder.glob("assoc*.txt")
-    listed.write_text(listed.read_text().splitlines()[-1] + "\n")
-    listed.write_text(listed.read_text() * 10_001)
-    with pytest.raises(RecordingError, match=r"lists 10001 images; the limit is 10000\. Keep a part"):
-        open_recording(folder)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -64,23 +63,6 @@ def test_ros_1_and_ros_2_recordings_are_read(tmp_path: Path, name: str) -> None:
     for wrong in (-1, 3):
         with pytest.raises(IndexError):
             recording[wrong]
-
-
-def test_several_threads_may_read(tmp_path: Path) -> None:
-    recording = open_recording(write(tmp_path / "take.bag", views(12)), step_deg=10)
-    with ThreadPoolExecutor(4) as pool:
-        frames = list(pool.map(recording.__getitem__, list(range(12)) * 3))
-    assert [int(frame.color[5, 5, 2]) for frame in frames] == [10 * n for n in range(12)] * 3
-
-
-@pytest.mark.parametrize(
-    ("encoding", "channels"),
-    [("bgr8", (2, 1, 0)), ("rgba8", (0, 1, 2, 0)), ("bgra8", (2, 1, 0, 0)), ("8UC3", (2, 1, 0))],
-)
-def test_color_encodings_and_padded_rows(tmp_path: Path, encoding: str, channels: tuple[int, ...]) -> None:
-    messages = views(1)
-    messages[0] = replace(messages[0], content=Image(encoding, rgb(0)[..., channels], padding=5))
-    np.testing.assert_array_equal(read(write(tmp_path / "take.mcap", messages))[0].color, rgb(0))
 
 
 @pytest.mark.parametrize(
@@ -143,17 +125,6 @@ def test_images_are_paired_by_their_stamps_not_by_when_they_were_written(tmp_pat
     assert [round(100 * float(frame.depth_m[5, 5])) for frame in frames] == [80, 82, 83]
 
 
-def test_messages_written_at_one_instant_are_told_apart(tmp_path: Path) -> None:
-    messages = [replace(m, late_s=10.0 - (m.stamp_s - START_S)) for m in views(3)]
-    frames = read(write(tmp_path / "take.bag", messages))
-    assert [int(frame.color[5, 5, 2]) for frame in frames] == [0, 10, 20]
-
-
-def test_without_stamps_the_time_of_writing_counts(tmp_path: Path) -> None:
-    messages = [replace(m, stamp_s=0.0, late_s=m.stamp_s + m.late_s) for m in views(3)]
-    assert len(read(write(tmp_path / "take.mcap", messages))) == 3
-
-
 def test_a_table_names_views_by_time(tmp_path: Path) -> None:
     path = write(tmp_path / "take.bag", views(5))
     table = tmp_path / "angles.csv"
@@ -169,10 +140,6 @@ def test_a_film_is_not_taken_for_one_view_a_frame(tmp_path: Path) -> None:
     path = write(tmp_path / "take.bag", views(40))
     refused(path, "the item never stands still", step_deg=10)
     assert len(here(path, 9)) == 40
-
-
-def test_without_angles_the_remedy_is_told(tmp_path: Path) -> None:
-    refused(write(tmp_path / "take.bag", views()), "--step DEG", step_deg=None)
 
 
 def changed(topic: str, content: Any) -> list[Message]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from full_disks import full
-from tiny_recordings import HEIGHT, WIDTH, write_recording
+from tiny_recordings import HEIGHT, WIDTH
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics, RotationAxis
@@ -131,12 +131,6 @@ def test_a_recording_is_gone_on_with_only_when_asked(tmp_path: Path) -> None:
     assert open_recording(tmp_path).description == "first"
 
 
-def test_an_empty_recording_is_resumed(tmp_path: Path) -> None:
-    writing(tmp_path).close()
-    with writing(tmp_path, resume=True) as made:
-        assert made.add(0, color(0), depth(0)) == 0
-
-
 def test_resuming_never_writes_over_a_listed_image(tmp_path: Path) -> None:
     with writing(tmp_path) as made:
         for n in range(3):
@@ -167,15 +161,6 @@ def test_another_camera_cannot_go_on(tmp_path: Path, change: dict[str, Any], mes
         writing(tmp_path, resume=True, **change)
 
 
-def test_a_recording_with_lens_distortion_cannot_go_on(tmp_path: Path) -> None:
-    write_recording(tmp_path)
-    header = json.loads((tmp_path / "recording.json").read_text())
-    header["intrinsics"] |= {"distortion_model": "brown_conrady", "distortion": [0.1, 0, 0, 0, 0]}
-    (tmp_path / "recording.json").write_text(json.dumps(header))
-    with pytest.raises(RecordingError, match="other settings"):
-        writing(tmp_path, depth_scale_m=0.001, resume=True)
-
-
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"views": [], "format": 3}', "\xff", "[" * 100_000])
 def test_a_damaged_header_is_not_gone_on_with(tmp_path: Path, text: str) -> None:
     (tmp_path / "recording.json").write_text(text, encoding="latin-1")
@@ -187,12 +172,6 @@ def test_two_writers_do_not_share_a_folder(tmp_path: Path) -> None:
     with writing(tmp_path), pytest.raises(RecordingError, match="another flatcloth is writing"):
         writing(tmp_path, resume=True)
     writing(tmp_path, resume=True).close()
-
-
-def test_a_file_in_the_place_of_the_folder_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "out").write_text("x")
-    with pytest.raises(RecordingError, match=r"out: cannot be written .File exists"):
-        writing(tmp_path / "out")
 
 
 def test_a_view_that_no_reader_would_take_is_refused(tmp_path: Path) -> None:

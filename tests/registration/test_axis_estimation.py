@@ -17,7 +17,6 @@ from flatcloth.core.geometry import camera_from_object
 from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.recordings import open_recording
 from flatcloth.registration.axis import Hanging, resolve_axis
-from flatcloth.registration.axis_estimation import choose_views
 
 CONFIG = SurfaceConfig()
 SPHERES = (  # x, y, z in the object frame, radius
@@ -221,15 +220,6 @@ def test_views_that_show_nothing_are_left_out() -> None:
 
     found = resolve_axis(recording, nothing, CONFIG)
     assert "vertical through the top" in found.notes[0]
-
-
-def test_the_views_looked_at_are_spread_over_the_turn() -> None:
-    assert choose_views([0.0, 20.0, -10.0]) == [0, 1, 2]
-    chosen = choose_views([0.5 * n for n in range(720)])
-    assert len(chosen) == 18
-    assert np.ptp(np.diff([0.5 * n for n in chosen])) <= 0.5
-    crowded = choose_views([0.1 * n for n in range(100)] + [90.0, 180.0, 270.0])
-    assert {100, 101, 102} <= set(crowded)
 
 
 @pytest.mark.parametrize(

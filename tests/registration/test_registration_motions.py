@@ -19,13 +19,12 @@ from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import Surface, observe_surface
 from flatcloth.registration.adjustment import solved
 from flatcloth.registration.cameras import register
-from flatcloth.registration.normal_equations import _add_moments, _fattening
+from flatcloth.registration.normal_equations import _fattening
 from flatcloth.registration.pose_prior import PosePrior, moved_axis
 from flatcloth.registration.registered import Registered, describe
 from flatcloth.registration.view_features import (
     UNKNOWNS,
     ViewFeatures,
-    _inertia,
     compare,
     extract_features,
 )
@@ -323,10 +322,6 @@ def test_the_report_says_what_was_changed() -> None:
     np.testing.assert_allclose(moved_axis(found.axis, found.common).point_m, LOOSE.axis.point_m, atol=0.002)
 
 
-def test_nothing_is_registered_yet() -> None:
-    assert register([], AXIS, HELD_M).object_from_camera == ()
-
-
 def test_a_scrap_of_cloth_between_the_points_of_the_grid_is_registered_still() -> None:
     (whole,) = surfaces_of_views(angles=(0.0,))
     at = np.argwhere(whole.usable)[1000]
@@ -336,17 +331,6 @@ def test_a_scrap_of_cloth_between_the_points_of_the_grid_is_registered_still() -
     assert len(few.points_m) == 1
     found = registered([few, *features_of_views(angles=(0.0,))])
     assert found.pairs == ()
-
-
-def test_moments_of_points_give_the_inertia_of_their_motions() -> None:
-    points = np.random.default_rng(0).normal(0.0, 0.3, (5, 3))
-    moments, inertia = np.zeros((4, 4)), np.zeros((6, 6))
-    for x in points:
-        _add_moments(tuple(x), moments)
-        moved = np.array([[0.0, x[2], -x[1]], [-x[2], 0.0, x[0]], [x[1], -x[0], 0.0]])  # by a small rotation
-        derivative = np.hstack([moved, np.eye(3)])
-        inertia += derivative.T @ derivative
-    np.testing.assert_allclose(_inertia(moments), inertia, atol=1e-12)
 
 
 def test_texture_counts_by_the_spread_of_its_own_channel() -> None:

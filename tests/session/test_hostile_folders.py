@@ -76,17 +76,6 @@ def test_no_decision_is_lost_when_the_journal_is_taken_away(
     again.close()
 
 
-def test_a_second_harm_leads_to_another_fresh_folder(place: Path) -> None:
-    folder = opened(place)
-    for step in SCRIPT[:2]:
-        folder.record(step)
-        shutil.rmtree(folder.folder)
-    folder.record(SCRIPT[2])
-    assert folder.folder.name == "session-continued-continued"
-    assert folder.state == states()[3]
-    folder.close()
-
-
 def test_where_there_is_no_room_for_a_fresh_folder_the_decision_is_refused(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -168,15 +157,6 @@ def test_a_folder_of_another_user_is_told(place: Path, monkeypatch: pytest.Monke
     (notice,) = folder.take_notices()
     assert "belongs to another user" in notice
     folder.close()
-
-
-def test_a_write_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "cloud.ply").write_text("old")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        replace_file(tmp_path / "cloud.ply", b"new")
-    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"cloud.ply": "old"}
 
 
 # --- numbers that no garment has ------------------------------------------------------------------
