@@ -60,6 +60,16 @@ def test_a_format_of_another_package_is_found_by_its_entry_point(
         open_recording(tmp_path / "nothing")
 
 
+def test_a_format_of_another_package_may_fail_but_not_the_program(added: None, tmp_path: Path) -> None:
+    for name in ("bad.mine", "x.trip"):
+        (tmp_path / name).touch()
+    with pytest.raises(RecordingError, match="the format mine failed") as caught:
+        open_recording(tmp_path / "bad.mine")
+    assert "\n" not in str(caught.value)
+    with pytest.raises(RecordingError, match="not a recording"):
+        open_recording(tmp_path / "x.trip")
+
+
 def test_a_format_can_be_named(added: None, tmp_path: Path) -> None:
     folder = write_recording(tmp_path / "in")
     assert open_recording(folder, SourceOptions(format="mine")).name == "in"

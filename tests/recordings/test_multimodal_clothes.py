@@ -96,6 +96,15 @@ def test_what_is_not_known_is_asked_for(area: Path, tmp_path: Path) -> None:
     refused(few, "images of 2 recordings")
 
 
+def test_a_missing_image_keeps_the_angles_of_the_others(tmp_path: Path) -> None:
+    few = write_area(tmp_path / "few", images=5)
+    (few / "take_02_rgb.png").unlink()
+    np.testing.assert_allclose(opened(few).angles_deg, STEP_DEG * np.array([0, 1, 3, 4]))
+    (few / "take_03_pc.pcd").write_bytes((few / "take_03_pc.pcd").read_bytes()[:-100])
+    with pytest.raises(RecordingError, match=r"take_03_pc\.pcd: truncated"):
+        opened(few)[2]
+
+
 def test_the_areas_of_a_data_set_a_class_or_a_sample_are_found(area: Path, tmp_path: Path) -> None:
     other = write_area(area.parents[1] / "34" / "01", images=1)
     (area.parents[2] / "readme").mkdir(exist_ok=True)

@@ -35,6 +35,16 @@ def test_depth_is_read_in_metres_from_every_kind_of_file(tmp_path: Path, suffix:
         np.testing.assert_allclose(frame.depth_m, depth_m(n), atol=6e-4)
 
 
+def test_color_may_be_jpeg_and_folders_may_have_other_names(tmp_path: Path) -> None:
+    folder = write_open3d(tmp_path / "scan")
+    for n, file in enumerate(sorted(folder.glob("color/*.png"))):
+        file.unlink()
+        write(file.with_suffix(".jpg"), rgb(n))
+    (folder / "color").rename(folder / "image")
+    frame = read(folder)[1]
+    assert np.abs(frame.color.astype(int) - rgb(1)).mean() < 20
+
+
 def test_images_that_do_not_pair_are_told(tmp_path: Path) -> None:
     folder = write_open3d(tmp_path / "scan")
     write(folder / "depth" / "extra.npy", np.ones((HEIGHT, WIDTH), dtype=np.uint16))
@@ -47,6 +57,14 @@ def test_images_that_do_not_pair_are_told(tmp_path: Path) -> None:
     shutil.rmtree(folder / "depth")
     (folder / "depth").mkdir()
     refused(folder, "depth: has no images")
+
+
+def test_a_link_that_leaves_the_folder_is_refused(tmp_path: Path) -> None:
+    folder = write_open3d(tmp_path / "scan")
+    elsewhere = tmp_path / "elsewhere.png"
+    (folder / "color" / "00001.png").rename(elsewhere)
+    (folder / "color" / "00001.png").symlink_to(elsewhere)
+    refused(folder, "leads outside the folder")
 
 
 def test_infinity_not_a_number_and_the_far_plane_are_not_measured(tmp_path: Path) -> None:

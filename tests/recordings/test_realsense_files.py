@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from realsense_files import WALL_M, stop_and_go, turning, write_realsense
+from realsense_files import HEIGHT, WALL_M, WIDTH, Shot, stop_and_go, turning, write_realsense
 from scenes import CAMERA, Cylinder
 
 from flatcloth.cli import main
@@ -62,6 +62,28 @@ def test_the_stops_of_a_file_become_views(files: Path) -> None:
         assert np.median(np.abs(shown - color)[color.any(axis=2)]) < 2
     with pytest.raises(IndexError):
         read[STOPS]
+
+
+def test_each_stop_has_a_filter_of_its_own(tmp_path: Path) -> None:
+    """What a carried temporal filter would mix in: the place of the cloth at the stop before."""
+
+    def wall(depth_mm: int, at: float) -> list[Shot]:
+        rng = np.random.default_rng(depth_mm)
+        texture = np.repeat(rng.integers(40, 200, (HEIGHT // 8, WIDTH // 8), dtype=np.uint8), 8, 0).repeat(
+            8, 1
+        )
+        color = np.repeat(texture[..., None], 3, axis=2)
+        return [Shot(at + n / 15, color, np.full((HEIGHT, WIDTH), depth_mm, np.uint16)) for n in range(11)]
+
+    file = write_realsense(tmp_path / "walls.db3", [*wall(850, 0.0), *wall(858, 11 / 15)])
+    read = open_realsense(file)
+    assert [float(np.median(read[n].depth_m)) for n in range(2)] == pytest.approx([0.850, 0.858], abs=2e-4)
+
+
+def test_a_camera_that_is_no_stereo_camera_is_not_biased(tmp_path: Path) -> None:
+    """librealsense's filters round whole millimetres down at each step, 4 mm in all."""
+    file = write_realsense(tmp_path / "tof.db3", turning(lambda _t: 0.0, 1.0), stereo=False)
+    assert abs(np.median(depth_error_mm(open_realsense(file), 0, 0.0))) < 0.3
 
 
 def test_steps_may_be_negative_and_what_comes_after_a_whole_turn_is_left_out(files: Path) -> None:
@@ -161,6 +183,15 @@ def test_a_film_that_is_left_early_is_stopped_before_its_device_goes(
     next(playing)
     cast("Generator[object, None, None]", playing).close()
     assert done == ["stopped", "idle"]
+
+
+def test_color_of_another_time_is_used_only_if_there_is_no_other(tmp_path: Path) -> None:
+    shots = turning(lambda _t: 0.0, 0.4)
+    shots = [Shot(s.time_s, s.color if n == 5 else None, s.depth_mm) for n, s in enumerate(shots)]
+    file = write_realsense(tmp_path / "apart.db3", shots, color_late_s=0.1)
+    read = open_realsense(file)
+    assert len(read) == 1
+    assert "not taken at the same time" in read.description
 
 
 def test_a_file_killed_while_it_was_recorded_keeps_what_was_written(tmp_path: Path) -> None:
@@ -265,6 +296,16 @@ def test_a_file_without_depth_or_color_is_refused(tmp_path: Path, missing: str) 
     )
     with pytest.raises(RecordingError, match=rf"half\.db3: has no {missing} stream"):
         RealsensePlayer(file)
+
+
+def test_a_recording_of_nothing_is_refused(tmp_path: Path) -> None:
+    shots = [
+        Shot(n / 15, np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint16))
+        for n in range(15)
+    ]
+    file = write_realsense(tmp_path / "dark.db3", shots)
+    with pytest.raises(RecordingError, match="no depth was measured"):
+        open_realsense(file)
 
 
 @pytest.mark.parametrize(

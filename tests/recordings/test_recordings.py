@@ -89,11 +89,28 @@ def test_an_axis_that_points_down_is_the_same_turn_about_the_upward_axis(folder:
     )
 
 
+def test_the_json_file_itself_opens_its_folder(folder: Path) -> None:
+    assert open_recording(folder / "recording.json").location == str(folder)
+
+
 def test_a_byte_order_mark_and_repeated_keys_are_harmless_and_texts_become_one_line(folder: Path) -> None:
     text = (folder / "recording.json").read_text()
     text = text.replace('"name": "tiny"', '"name": "other", "name": "two\\nlines \\u001b[31m"')
     (folder / "recording.json").write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert open_recording(folder).name == "two lines [31m"
+
+
+def test_links_are_followed_to_the_folder_and_inside_it(folder: Path, tmp_path: Path) -> None:
+    (folder / "color" / "0.png").unlink()
+    (folder / "color" / "0.png").symlink_to(folder / "color" / "1.png")
+    (tmp_path / "link").symlink_to(folder)
+    assert open_recording(tmp_path / "link")[0].color[0, 0].tolist() == [200, 0, 10]
+
+
+def test_a_transparent_color_image_loses_its_alpha(folder: Path) -> None:
+    bgra = np.full((HEIGHT, WIDTH, 4), (1, 2, 3, 0), dtype=np.uint8)
+    write_image(folder / "color" / "0.png", bgra)
+    assert open_recording(folder)[0].color[0, 0].tolist() == [3, 2, 1]
 
 
 def test_headers_agree_with_opencv(tmp_path: Path) -> None:
@@ -112,6 +129,13 @@ def test_headers_agree_with_opencv(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(jpeg[:2] + b"\xff\xff\xfe\x00\x06note" + jpeg[2:])  # filled, a comment
     found = images.read_header(tmp_path / "a.jpg")
     assert (found.width, found.height) == (13, 9)
+
+
+def test_progressive_jpegs_are_read(folder: Path) -> None:
+    image = np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8)
+    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    (folder / "color" / "0.png").write_bytes(data)
+    assert abs(int(open_recording(folder)[0].color[5, 5, 0]) - 90) < 3
 
 
 def test_the_bundled_recordings_open_and_their_views_are_whole() -> None:
@@ -146,6 +170,14 @@ def test_a_source_of_no_known_kind_is_told_what_can_be_read(folder: Path, tmp_pa
     # A folder of recordings names one of them.
     with pytest.raises(RecordingError, match=r"for example .*tiny"):
         open_recording(tmp_path)
+
+
+def test_a_black_mask_means_that_the_view_shows_nothing_of_the_side(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "black")
+    write_image(folder / "mask/1.png", np.zeros((HEIGHT, WIDTH), dtype=np.uint8))
+    mask = open_recording(folder)[1].mask
+    assert mask is not None
+    assert not mask.any()
 
 
 @pytest.mark.parametrize(

@@ -249,6 +249,14 @@ def test_every_truncation_of_an_image_is_noticed(folder: Path) -> None:
         path.write_bytes(kept)
 
 
+def test_a_flipped_bit_in_a_depth_image_is_noticed(folder: Path) -> None:
+    path = folder / "depth" / "1.png"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 16
+    path.write_bytes(data)
+    refused(folder, "damaged", "depth/1.png")
+
+
 def test_pixels_that_do_not_decode_are_named(folder: Path) -> None:
     path = folder / "depth" / "1.png"
     data = path.read_bytes()

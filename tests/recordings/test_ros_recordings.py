@@ -66,6 +66,16 @@ def test_ros_1_and_ros_2_recordings_are_read(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("encoding", "channels"),
+    [("bgr8", (2, 1, 0)), ("rgba8", (0, 1, 2, 0)), ("bgra8", (2, 1, 0, 0)), ("8UC3", (2, 1, 0))],
+)
+def test_color_encodings_and_padded_rows(tmp_path: Path, encoding: str, channels: tuple[int, ...]) -> None:
+    messages = views(1)
+    messages[0] = replace(messages[0], content=Image(encoding, rgb(0)[..., channels], padding=5))
+    np.testing.assert_array_equal(read(write(tmp_path / "take.mcap", messages))[0].color, rgb(0))
+
+
+@pytest.mark.parametrize(
     ("model", "d"),
     [
         ("plumb_bob", (-0.3, 0.05, 0.002, 0.001, 0.01)),
@@ -123,6 +133,17 @@ def test_images_are_paired_by_their_stamps_not_by_when_they_were_written(tmp_pat
     frames = read(write(tmp_path / "take.mcap", messages))
     assert [int(frame.color[5, 5, 2]) for frame in frames] == [0, 20, 30]
     assert [round(100 * float(frame.depth_m[5, 5])) for frame in frames] == [80, 82, 83]
+
+
+def test_messages_written_at_one_instant_are_told_apart(tmp_path: Path) -> None:
+    messages = [replace(m, late_s=10.0 - (m.stamp_s - START_S)) for m in views(3)]
+    frames = read(write(tmp_path / "take.bag", messages))
+    assert [int(frame.color[5, 5, 2]) for frame in frames] == [0, 10, 20]
+
+
+def test_without_stamps_the_time_of_writing_counts(tmp_path: Path) -> None:
+    messages = [replace(m, stamp_s=0.0, late_s=m.stamp_s + m.late_s) for m in views(3)]
+    assert len(read(write(tmp_path / "take.mcap", messages))) == 3
 
 
 def test_a_table_names_views_by_time(tmp_path: Path) -> None:

@@ -26,6 +26,13 @@ def test_a_folder_is_read_with_5000_units_per_metre(tmp_path: Path, associations
         assert (frame.depth_m.dtype, frame.mask) == (np.float32, None)
 
 
+def test_associations_may_name_depth_first(tmp_path: Path) -> None:
+    folder = write_tum(tmp_path / "tum")
+    rows = [line.split() for line in (folder / "associations.txt").read_text().splitlines()]
+    (folder / "associations.txt").write_text("\n".join(" ".join(r[2:] + r[:2]) for r in rows))
+    np.testing.assert_array_equal(open_recording(folder, step_deg=10)[2].color, rgb(2))
+
+
 def test_lists_are_paired_by_the_nearest_time_and_what_has_no_partner_is_left_out(tmp_path: Path) -> None:
     folder = write_tum(tmp_path / "tum", associations=False)
     lines = (folder / "depth.txt").read_text().splitlines()

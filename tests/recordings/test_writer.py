@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from full_disks import full
-from tiny_recordings import HEIGHT, WIDTH
+from tiny_recordings import HEIGHT, WIDTH, write_recording
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics, RotationAxis
@@ -159,6 +159,15 @@ def test_another_camera_cannot_go_on(tmp_path: Path, change: dict[str, Any], mes
         made.add(0, color(0), depth(0))
     with pytest.raises(RecordingError, match=message):
         writing(tmp_path, resume=True, **change)
+
+
+def test_a_recording_with_lens_distortion_cannot_go_on(tmp_path: Path) -> None:
+    write_recording(tmp_path)
+    header = json.loads((tmp_path / "recording.json").read_text())
+    header["intrinsics"] |= {"distortion_model": "brown_conrady", "distortion": [0.1, 0, 0, 0, 0]}
+    (tmp_path / "recording.json").write_text(json.dumps(header))
+    with pytest.raises(RecordingError, match="other settings"):
+        writing(tmp_path, depth_scale_m=0.001, resume=True)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"views": [], "format": 3}', "\xff", "[" * 100_000])
