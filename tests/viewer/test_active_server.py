@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import contextlib
 import importlib.util
-import io
 import json
 import socket
 import threading
@@ -21,7 +20,6 @@ import pytest
 from cells import SHAPE, loop_in, seen, sheet_cell
 from forked_program import forked
 from garment_meshes import arc, write_obj
-from PIL import Image as PillowImage
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -33,7 +31,7 @@ from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.named_points import Point
 from flatcloth.garments.recognition import Recognition
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.protocol.robot import Hello, Image, PointsChanged, PostedView, ShapeChanged
+from flatcloth.viewer.protocol.robot import Hello, PointsChanged, ShapeChanged
 from flatcloth.viewer.routes.active import active_routes, loop_events
 from flatcloth.viewer.routes.robot import Told
 
@@ -262,29 +260,3 @@ def test_a_sent_view_that_is_wrong_is_refused_in_words(tmp_path: Path, served: S
     assert again["taken"]["number"] == 0
     assert "not taken twice" in again["taken"]["told"][0]
     assert again["views"] == 1
-
-
-def test_the_transparency_of_a_sent_png_is_no_fourth_channel() -> None:
-    values, file = np.arange(12, dtype=np.uint8).reshape(2, 2, 3), io.BytesIO()
-    PillowImage.fromarray(values).save(file, "PNG", transparency=(0, 1, 2))
-    depth = Image(raw=bytes([1, 0] * 4), shape=(2, 2), dtype="uint16")
-    camera = ((2.0, 0.0, 1.0), (0.0, 2.0, 1.0), (0.0, 0.0, 1.0))
-    posted = PostedView(angle_deg=0.0, color=Image(png=file.getvalue()), depth=depth, K=camera)
-    assert np.array_equal(posted.view().color, values)
-
-
-def test_views_sent_at_the_same_time_are_taken_one_after_the_other(tmp_path: Path, served: Served) -> None:
-    cell = sheet_cell(tmp_path / "cell")
-    served.post(body_of(seen(cell, 0.0)))
-    bodies = [body_of(seen(cell, angle, n)) for n, angle in enumerate((50.0, 310.0), start=1)]
-    codes: list[int] = []
-    threads = [
-        threading.Thread(target=lambda body=body: codes.append(served.post(body).status_code))
-        for body in bodies
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert codes == [200, 200]
-    assert sorted(open_recording(tmp_path / "out" / "recording").angles_deg) == [0.0, 50.0, 310.0]

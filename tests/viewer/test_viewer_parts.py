@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -10,12 +9,7 @@ import pytest
 from viewer_fakes import CENTER_M, CylinderRecording, cylinder_view
 
 from flatcloth.core.types import Rigid2
-from flatcloth.rendering.colormaps import (
-    MAPS,
-    apply_table,
-    view_colors,
-)
-from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legends, rgba
+from flatcloth.rendering.layers import LAYERS, legends, rgba
 from flatcloth.session.machine import (
     Accept,
     NothingMore,
@@ -45,11 +39,6 @@ def test_every_key_means_one_action_in_a_mode_and_none_is_the_browsers(mode):
     keys = [key for action in ACTIONS if action.mode in ("", mode) for key in action.keys]
     assert len(keys) == len(set(keys))
     assert not RESERVED & set(keys)
-
-
-def test_every_action_has_a_name_of_its_own_and_explains_itself():
-    assert len({a.name for a in ACTIONS}) == len(ACTIONS)
-    assert all(a.description.endswith(".") for a in ACTIONS)
 
 
 def test_each_mode_says_that_the_others_actions_are_not_its_own():
@@ -96,43 +85,12 @@ def test_the_table_says_why_an_action_is_not_allowed_now(steps, name, said):
     assert why_not is None if said is None else said in why_not
 
 
-def test_views_used_together_and_neighbours_have_colours_of_their_own():
-    colors = view_colors(36).astype(int)
-    used = colors[[1, 4, 7, 9, 11, 14, 15, 18, 22, 27, 32]]
-    apart = np.abs(used[:, None] - used[None]).sum(axis=-1)
-    assert apart[~np.eye(len(used), dtype=bool)].min() > 45
-    assert np.abs(np.diff(colors, axis=0)).sum(axis=1).min() > 60
-
-
-def test_values_that_are_no_numbers_get_a_colour():
-    colors = apply_table(MAPS["sequential"].table(), np.array([np.nan, 0.0, 2.0]), 0.0, 1.0)
-    np.testing.assert_array_equal(colors, MAPS["sequential"].table()[[0, 0, 255]])
-
-
 @pytest.mark.parametrize("layer", LAYERS)
 def test_layers_are_transparent_off_the_cloth(layer):
     view = cylinder_view({0: 0.0, 2: 120.0})
     image = rgba(view, layer, AXIS, 12)
     np.testing.assert_array_equal(image[..., 3] == 255, view.valid)
     assert not view.valid.all()
-
-
-@pytest.mark.parametrize("layer", QUALITY_LAYERS)
-def test_quality_that_is_not_known_is_grey_and_has_no_scale(layer):
-    view = replace(cylinder_view({0: 0.0}), quality=None)
-    image = rgba(view, layer, AXIS, 12)
-    np.testing.assert_array_equal(np.unique(image[view.valid][:, :3]), [128])
-    assert legends(view, AXIS, (0.0,))[layer]["title"] == "Not measured"
-    view = cylinder_view({0: 0.0})
-    view.quality[10, 10] = np.nan
-    np.testing.assert_array_equal(rgba(view, layer, AXIS, 12)[10, 10], [128, 128, 128, 255])
-
-
-def test_the_range_of_stretch_and_incidence_is_the_same_in_every_view():
-    legend = legends(cylinder_view({0: 0.0}), AXIS, (0.0,))
-    assert (legend["stretch"]["low"], legend["stretch"]["high"]) == (0, 10)
-    assert (legend["incidence"]["low"], legend["incidence"]["high"]) == (0, 80)
-    assert 200 < legend["density"]["low"] < legend["density"]["high"] <= 400
 
 
 def test_legends_have_units_and_name_the_views_used():

@@ -14,8 +14,6 @@ from flatcloth.api.integrating import flatten
 from flatcloth.recordings import open_recording
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.layers import (
-    Appearance,
-    difference_rgba,
     legend,
     rgba,
 )
@@ -67,13 +65,6 @@ def test_a_recording_with_a_kit_shows_the_error_of_each_pixel():
     assert truth_of(open_recording("shirt-sleeve-clean")) is None
 
 
-def test_colors_get_black_and_white_levels(client):
-    image = image_of(client.get("/layers/3/color.png?low=0.2&high=0.6"))
-    red = VIEW.rgb[VIEW.valid][:, 0]
-    expected = np.rint(255 * ((red / 255 - 0.2) / 0.4).clip(0, 1))
-    np.testing.assert_array_equal(image[VIEW.valid][:, 0], expected)
-
-
 def test_the_proposal_is_shown_in_the_colours_of_the_shape(client, shown):
     overlay = shown.picture.overlay.view
     image = image_of(client.get("/overlay/7.png?layer=height"))
@@ -98,32 +89,6 @@ def test_differences_are_mapped_over_the_common_cloth_only(client, shown):
 
 
 @pytest.mark.parametrize(
-    "path",
-    [
-        "/layers/2/color.png",
-        "/layers/3/secret.png",
-        "/overlay/8.png",
-        "/overlay/7.png?layer=secret",
-        "/difference/2-7/color.png",
-        "/difference/3-8/color.png",
-        "/difference/3-7/secret.png",
-    ],
-)
-def test_what_is_not_shown_any_more_or_not_known_is_not_there(client, path):
-    answer = client.get(path)
-    assert answer.status_code == 204  # while views are added fast, the page asks for what is replaced
-    assert answer.content == b""
-
-
-def test_without_a_picture_or_a_proposal_there_is_nothing(client, shown):
-    shown.picture.overlay = None
-    assert client.get("/overlay/7.png").status_code == 204
-    assert client.get("/difference/3-7/color.png").status_code == 204
-    shown.picture = None
-    assert client.get("/layers/3/color.png").status_code == 204
-
-
-@pytest.mark.parametrize(
     "query",
     ["map=rainbow", "low=0.5&high=0.5", "low=0&high=1e-320", "low=-1", "high=2", "low=nan", "high=much"],
 )
@@ -132,45 +97,3 @@ def test_a_look_that_cannot_be_is_one_clear_line(client, query):
     assert answer.status_code == 400
     assert "\n" not in answer.text
     assert any(said in answer.text for said in ("rainbow", "0 <= low", "is text"))
-
-
-def test_a_picture_is_encoded_once(client, shown):
-    first = client.get("/difference/3-7/height.png").content
-    shown.picture.overlay.view = None  # would fail if it were looked at again
-    assert client.get("/difference/3-7/height.png").content == first
-
-
-def test_a_heat_map_saturates_at_its_legend():
-    far = SimpleNamespace(
-        color=np.array([[0.0, 32.0, 64.0, 200.0]]),
-        height_m=np.zeros((1, 4)),
-        distance_m=np.zeros((1, 4)),
-        common=np.ones((1, 4), dtype=bool),
-    )
-    image = difference_rgba(far, "color")[0, :, :3]
-    table = MAPS["loss"].table()
-    np.testing.assert_array_equal(image[[0, 2, 3]], table[[0, 255, 255]])
-    assert image[1].tolist() in table[126:130].tolist()
-    assert difference_rgba(far, "color", Appearance(high=0.5))[0, 1, :3].tolist() == table[255].tolist()
-
-
-@pytest.mark.parametrize("name", sorted(MAPS))
-def test_equal_steps_of_a_map_look_equal(name):
-    lab = oklab_from_rgb(MAPS[name].table())
-    step = np.linalg.norm(lab[15::15] - lab[:-15:15], axis=1)
-    if name == "diverging":  # across the middle the steps of both sides go to and fro
-        step = step[np.arange(17) != 8]
-    assert step.max() < 1.25 * step.min()
-
-
-LMS_FROM_RGB = [[0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],
-                [0.0883024619, 0.2817188376, 0.6299787005]]  # fmt: skip
-LAB_FROM_LMS = [[0.2104542553, 0.7936177850, -0.0040720468], [1.9779984951, -2.4285922050, 0.4505937099],
-                [0.0259040371, 0.7827717662, -0.8086757660]]  # fmt: skip
-
-
-def oklab_from_rgb(rgb):
-    """Oklab (B. Ottosson, 2020) of sRGB uint8."""
-    c = rgb / 255.0
-    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    return np.cbrt(linear @ np.transpose(LMS_FROM_RGB)) @ np.transpose(LAB_FROM_LMS)
