@@ -101,3 +101,12 @@ def test_angles_are_given_once_and_only_where_there_are_none(tmp_path: Path) -> 
         open_recording(folder, angles=tmp_path / "angles.csv")
     with pytest.raises(RecordingError, match="contains its angles"):
         open_recording(write_recording(tmp_path / "native"), step_deg=10)
+
+
+def test_a_list_that_is_too_long_is_refused_at_once(tmp_path: Path) -> None:
+    folder = write_tum(tmp_path / "tum")
+    (listed,) = folder.glob("assoc*.txt")
+    listed.write_text(listed.read_text().splitlines()[-1] + "\n")
+    listed.write_text(listed.read_text() * 10_001)
+    with pytest.raises(RecordingError, match=r"lists 10001 images; the limit is 10000\. Keep a part"):
+        open_recording(folder)

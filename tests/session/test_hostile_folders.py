@@ -159,6 +159,15 @@ def test_a_folder_of_another_user_is_told(place: Path, monkeypatch: pytest.Monke
     folder.close()
 
 
+def test_a_write_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cloud.ply").write_text("old")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        replace_file(tmp_path / "cloud.ply", b"new")
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"cloud.ply": "old"}
+
+
 # --- numbers that no garment has ------------------------------------------------------------------
 
 

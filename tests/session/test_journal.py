@@ -142,6 +142,20 @@ def test_numbers_and_names_that_cannot_be_read_back_are_refused(place: Path) -> 
 # --- damage -----------------------------------------------------------------------------------------
 
 
+def test_every_changed_byte_is_noticed(played: SessionFolder, place: Path) -> None:
+    played.close()
+    journal = place / "journal.jsonl"
+    data = journal.read_bytes()
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        at = int(rng.integers(len(data) - 1))
+        changed = bytearray(data)
+        changed[at] ^= int(rng.integers(1, 256))
+        journal.write_bytes(bytes(changed))
+        with pytest.raises(JournalError, match="is damaged"):
+            opened(place)
+
+
 @pytest.mark.parametrize("mine", [0, 7])
 def test_lines_of_another_session_are_noticed(played: SessionFolder, place: Path, mine: int) -> None:
     played.close()

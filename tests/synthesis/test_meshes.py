@@ -316,3 +316,12 @@ def test_what_is_not_read_is_named(
         read_mesh(tmp_path / name)
     assert str(tmp_path / name) in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_faces_without_area_count_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are dropped in the end, so that only reading them could take for ever."""
+    monkeypatch.setattr(meshes, "_MOST_TRIANGLES", 1000)
+    path = tmp_path / "degenerate.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n" + "f 1 1 1\n" * 1000)
+    with pytest.raises(SynthesisError, match=r"line 1004 .*the limit is 1000 triangles: decimate"):
+        read_mesh(path)

@@ -260,3 +260,20 @@ def test_a_sent_view_that_is_wrong_is_refused_in_words(tmp_path: Path, served: S
     assert again["taken"]["number"] == 0
     assert "not taken twice" in again["taken"]["told"][0]
     assert again["views"] == 1
+
+
+def test_views_sent_at_the_same_time_are_taken_one_after_the_other(tmp_path: Path, served: Served) -> None:
+    cell = sheet_cell(tmp_path / "cell")
+    served.post(body_of(seen(cell, 0.0)))
+    bodies = [body_of(seen(cell, angle, n)) for n, angle in enumerate((50.0, 310.0), start=1)]
+    codes: list[int] = []
+    threads = [
+        threading.Thread(target=lambda body=body: codes.append(served.post(body).status_code))
+        for body in bodies
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert codes == [200, 200]
+    assert sorted(open_recording(tmp_path / "out" / "recording").angles_deg) == [0.0, 50.0, 310.0]
