@@ -15,7 +15,11 @@ from garment_evidence import blank_view
 from flatcloth.active.choosing import (
     End,
     Next,
+    OtherSide,
+    choose_next,
     end_of,
+    expected_std_m,
+    free_angles_deg,
 )
 from flatcloth.active.goal import (
     Budget,
@@ -34,7 +38,7 @@ from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment import GarmentService, KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.garments.deciding import DecidedPieces
-from flatcloth.garments.fit import Fit
+from flatcloth.garments.fit import OUTLINE_STD_M, Fit
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.model import Kind
 from flatcloth.garments.named_points import Point
@@ -154,6 +158,14 @@ def test_a_doubled_view_is_taken_once_a_late_one_at_its_angle_and_one_that_is_wr
     loop.close()
 
 
+def test_an_angle_at_which_there_is_a_view_is_refused(tmp_path: Path) -> None:
+    cell = sheet_cell(tmp_path / "cell", noise="d435")
+    loop = led(loop_in(tmp_path / "out"), cell, most=1)
+    with pytest.raises(ViewError, match="There is a view at 0 degrees already"):
+        loop.take(seen(cell, 0.0, 7))  # other noise, so that it is no copy
+    loop.close()
+
+
 def test_the_folder_of_another_session_is_refused(tmp_path: Path) -> None:
     (tmp_path / "session.json").write_text("{}")
     with pytest.raises(FlatclothError, match="holds the session of another recording"):
@@ -176,6 +188,13 @@ def test_a_torn_last_line_of_the_log_is_dropped_and_a_damaged_one_named(tmp_path
 
 
 # --- goals -------------------------------------------------------------------------------------
+
+
+def test_no_angle_near_a_recorded_one_is_free() -> None:
+    free = np.array(free_angles_deg([0.0, 358.0]))
+    assert len(free_angles_deg([])) == 120
+    assert free.min() >= 5.0
+    assert free.max() <= 353.0
 
 
 NEXT = Next(angle_deg=60.0, turn_deg=60.0, why="", most_new_m2=0.01)
@@ -286,6 +305,23 @@ def test_both_sides_are_asked_while_the_item_turns_until_enough_is_surely_known(
     loop.close()
 
 
+def test_an_angle_that_shows_a_seam_of_what_floats_is_chosen(tmp_path: Path) -> None:
+    cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", parse_goal("kind"))
+    for number, angle_deg in enumerate((0.0, 60.0)):
+        loop.take(seen(cell, angle_deg, number))
+    loop.wait()
+    seams_m2 = np.zeros(120)
+    seams_m2[67] = 1.0  # at 201 degrees
+    other = OtherSide(area_m2=0.1, new_m2=np.zeros(120), seams_m2=seams_m2, shares={})
+    found = choose_next(
+        loop.integration, loop.document, loop.known, loop.knowledge, loop.goal, 60.0, other=other
+    )
+    assert found is not None
+    assert found.angle_deg == 201.0
+    assert "10000 cm2 of the other side" in found.why
+    loop.close()
+
+
 def kind_named(name: str) -> Kind:
     return next(kind for kind in known_kinds() if kind.name == name)
 
@@ -299,6 +335,16 @@ def fit_of(kind: Kind, pose: Rigid2) -> Fit:
         log_evidence=0.0,
         covariance=np.eye(len(kind.mean) + 3),
     )
+
+
+def test_a_point_is_expected_to_be_surer_by_new_cloth_by_cloth_seen_again_and_by_more_outline() -> None:
+    nothing, one = np.zeros(1), np.ones(1)
+    assert expected_std_m(0.05, nothing, nothing, one) == pytest.approx(0.05)
+    assert expected_std_m(0.05, one, nothing, one) == pytest.approx(OUTLINE_STD_M)
+    again = expected_std_m(0.05, nothing, one, one)  # the edges were seen once: 1/2 becomes 2/3
+    assert again**2 - OUTLINE_STD_M**2 == pytest.approx(0.75 * (0.05**2 - OUTLINE_STD_M**2))
+    twice_the_cloth = expected_std_m(0.05, nothing, nothing, 2.0 * one)
+    assert twice_the_cloth**2 - OUTLINE_STD_M**2 == pytest.approx(0.5 * (0.05**2 - OUTLINE_STD_M**2))
 
 
 def test_views_that_brought_nothing_end_a_loop_only_all_round(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from flatcloth.active.goal import (
     Goal,
     GoalError,
     Knowledge,
+    PointKnown,
     parse_budget,
     parse_goal,
 )
@@ -37,6 +38,18 @@ def test_goals_and_budgets_are_read() -> None:
     for text in ("", "s", "-3", "0", "1.5", "12 views"):
         with pytest.raises(GoalError, match="--budget"):
             parse_budget(text)
+
+
+def test_points_are_known_when_seen_and_sure_and_the_kind_when_probable() -> None:
+    goal = Goal(about="points", points=("a", "b"), within_m=0.02)
+    seen_point, sure = PointKnown(std_m=0.015, seen=True), PointKnown(std_m=0.015)
+    assert Knowledge(points={"a": seen_point, "b": seen_point}).is_reached(goal)
+    assert Knowledge(points={"a": seen_point, "b": sure}).missing(goal) == ("b",)
+    assert Knowledge(points={"a": seen_point}).missing(goal) == ("b",)
+    kind = Goal(about="kind")
+    assert Knowledge(kind="tshirt", probability=0.95).is_reached(kind)
+    assert not Knowledge(kind="tshirt", probability=0.85).is_reached(kind)
+    assert not Knowledge(kind=None, probability=0.95).is_reached(kind)
 
 
 def test_a_kind_that_contradicts_that_of_a_view_less_is_less_sure() -> None:

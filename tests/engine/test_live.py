@@ -6,7 +6,7 @@ from typing import cast
 import numpy as np
 import pytest
 from plates import plate
-from scenes import AXIS, Cylinder
+from scenes import AXIS, Cylinder, frame
 
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.config import Config, FlatteningConfig, SurfaceConfig
@@ -48,6 +48,19 @@ def test_a_frame_without_cloth_is_an_error_and_the_next_one_starts_anew() -> Non
     with pytest.raises(FlatclothError):
         live.newest()
     assert live.newest().view.valid.any()
+
+
+def test_stretch_shows_where_cloth_that_is_no_developable_sheet_had_to_give() -> None:
+    from scenes import rays
+
+    x, y = rays()
+    a, b = 1 + x * x + y * y, 0.85
+    depth = (b - np.sqrt(np.maximum(b * b - a * (b * b - 0.12**2), 0))) / a  # a sphere
+    mask = np.hypot(x, y) < 0.09
+    surface = observe_item(frame(np.where(mask, depth, 0), mask), AXIS, SurfaceConfig())
+    view = flatten(surface, AXIS, FlatteningConfig()).view
+    assert view.quality is not None
+    assert np.median(view.quality[view.valid][:, 2]) > 0.01
 
 
 def test_both_interpolations_agree_inside_and_the_smooth_one_reaches_further() -> None:

@@ -46,12 +46,31 @@ def test_far_pieces_come_beside_the_shape_the_largest_first_and_none_covers_anot
     assert sheet.view.shape[1] * PIXEL_M < 0.5
 
 
+def test_every_pixel_keeps_its_point_in_space() -> None:
+    piece = patch(20, 30, (10.0003, -3.0), 2)
+    sheet = lay_out(canonical(piece))
+    shown = sheet.view.xyz_m[sheet.piece == 1].reshape(20, 30, 3)
+    np.testing.assert_array_equal(shown, piece.xyz_m)
+    rc = np.argwhere(sheet.piece == 1)[0]
+    there = sheet.view.uv_from_rc(rc) - np.array(sheet.pieces[0].shift_m)
+    np.testing.assert_allclose(there, piece.origin_uv_m, atol=1e-9)
+
+
 def test_a_piece_whose_place_is_not_reliable_stays_there_and_the_shape_covers_it() -> None:
     sheet = lay_out(canonical(patch(20, 40, (-0.02, 0.4), 3)))
     (piece,) = sheet.pieces
     assert (piece.reason, piece.shift_m) == (LOOSE, (0.0, 0.0))
     assert int((sheet.piece == 0).sum()) == 6000
     assert 0 < int((sheet.piece == 1).sum()) < 800
+
+
+def test_what_the_shape_does_not_know_of_a_piece_is_unknown_there() -> None:
+    made = canonical(patch(20, 30, (10.0, 0.0)))
+    std = np.full(made.view.shape, 0.001, dtype=np.float32)
+    sheet = lay_out(replace(made, view=replace(made.view, placement_std_m=std)))
+    assert sheet.view.placement_std_m is not None
+    assert np.isnan(sheet.view.placement_std_m[sheet.piece == 1]).all()
+    assert (sheet.view.placement_std_m[sheet.piece == 0] == np.float32(0.001)).all()
 
 
 def test_a_placement_on_a_piece_is_shown_there_and_meant_where_it_is_put() -> None:
@@ -67,6 +86,13 @@ def test_a_placement_on_a_piece_is_shown_there_and_meant_where_it_is_put() -> No
     dragged = Rigid2(0.3, -0.05, 0.4)
     assert sheet.meant(dragged, center) == dragged
     assert sheet.shown(dragged, center) == dragged
+
+
+def test_a_placement_far_from_all_cloth_is_shown_beside_the_shape() -> None:
+    sheet, center = lay_out(canonical()), np.array([0.03, 0.02])
+    shown = sheet.shown(Rigid2(0.0, 10.0, 0.0), center)
+    assert sheet.view.origin_uv_m[0] < shown.apply(center)[0] < 0.3
+    assert sheet.meant(shown, center) == shown
 
 
 def test_a_piece_placed_by_the_garment_lies_on_the_shape_and_is_found_there() -> None:

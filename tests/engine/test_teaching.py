@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scenes import Cylinder
 
-from flatcloth.core.errors import AlignmentError
+from flatcloth.core.errors import AlignmentError, CancelledError, ConfigError
+from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.teaching import Teaching, paper_config
+from flatcloth.engine.teaching import KEPT, NEW, NEW_OF_BOTH, OLD_OF_BOTH, Teaching, paper_config
 from flatcloth.methods.registry import method_names
 from flatcloth.session.document import Document, Pending
 from flatcloth.session.machine import Request
@@ -33,6 +34,37 @@ def teaching(session: Integration) -> Teaching:
 def paper(session: Integration, teaching: Teaching) -> Integration:
     """The paper's method by itself, with the numbers of the lessons."""
     return Integration(Cylinder(**CLOTH), paper_config(session.config, teaching.defaults), "paper")
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"sampling_interval_px": 3}, "d, the sampling interval"),
+        ({"z_angle_limit_deg": 90.0}, "A_w, the measurement limit"),
+        ({"overlap_area_m2": 0.0}, "S_0, the desirable overlap"),
+        ({"overlap_area_m2": float("nan")}, "S_0, the desirable overlap"),
+    ],
+)
+def test_a_number_that_cannot_be_shown_is_named(teaching, change, named):
+    with pytest.raises(ConfigError, match=named):
+        replace(teaching.defaults, **change)
+
+
+def test_every_neighbour_is_a_pair_or_an_unused_pair(teaching):
+    lesson = teaching.flattening(0, teaching.defaults)
+    for level, unused in zip(lesson.flattening.levels, lesson.unused_pairs, strict=True):
+        rc, d = level.points_rc, level.sampling_interval_px
+        used = {tuple(sorted(map(int, pair))) for pair in level.edges}
+        left_out = {tuple(sorted(map(int, pair))) for pair in unused}
+        place = {tuple(p): n for n, p in enumerate(rc.tolist())}
+        neighbours = {
+            tuple(sorted((n, place[r + dr, c + dc])))
+            for (r, c), n in place.items()
+            for dr, dc in ((0, d), (d, 0), (d, d), (d, -d))
+            if (r + dr, c + dc) in place
+        }
+        assert used.isdisjoint(left_out)
+        assert used | left_out == neighbours
 
 
 @pytest.mark.parametrize("method", method_names())
@@ -79,7 +111,32 @@ def test_the_search_leads_from_the_initial_estimate_to_its_end_which_is_proposed
     assert any(np.allclose(start, best) for start in search.starts)
 
 
+def test_the_renewed_view_tells_which_view_shows_each_pixel(teaching):
+    lesson = teaching.alignment(0, teaching.defaults)
+    view, origin = lesson.renewed.view, lesson.origin
+    assert np.array_equal(origin > 0, view.valid)
+    from_new = np.isin(origin, (NEW, NEW_OF_BOTH))
+    assert np.array_equal(from_new, view.view_index == lesson.view_index)
+    assert np.array_equal(np.isin(origin, (KEPT, OLD_OF_BOTH)), view.view_index == 0)
+    assert all(np.any(origin == kind) for kind in (KEPT, NEW, NEW_OF_BOTH))
+    # The plane is that of the new view: what it alone shows lies where it lay.
+    assert lesson.renewed.current_from_view[lesson.view_index] == Rigid2()
+
+
 def test_a_recording_with_nothing_to_add_says_so():
     lessons = Teaching(Integration(Cylinder()))
     with pytest.raises(AlignmentError, match="no view remains"):
         lessons.alignment(0, lessons.defaults)
+
+
+def test_a_lesson_can_be_given_up(session):
+    lessons = Teaching(session)
+
+    def stop(_share: float, _text: str) -> None:
+        raise CancelledError
+
+    with pytest.raises(CancelledError):
+        lessons.start_view(stop)
+    with pytest.raises(CancelledError):
+        lessons.alignment(0, lessons.defaults, stop)
+    assert lessons.alignment(0, lessons.defaults).view_index > 0

@@ -12,7 +12,7 @@ from garment_evidence import blank_view
 from flatcloth.core.errors import FlatteningError
 from flatcloth.core.types import Rigid2
 from flatcloth.flattening.borders import SPACING_M, border_of, solid_cloth
-from flatcloth.flattening.resampling import place, place_all
+from flatcloth.flattening.resampling import bounds, place, place_all
 
 SIZE_M, MIDDLE = 0.002, 60
 
@@ -48,6 +48,10 @@ def test_the_border_of_a_hole_points_into_it_and_has_its_number() -> None:
     assert radius_m[border.hole == 1] == pytest.approx(0.03, abs=SIZE_M)
     assert (border.outward * off).sum(axis=1)[border.hole == 1].max() < -math.cos(math.radians(5.0))
     assert set(border.hole) == {0, 1}
+
+
+def test_a_hole_as_small_as_a_button_has_no_border() -> None:
+    assert not border_of(disc(0.1) & ~disc(0.004), SIZE_M).hole.any()
 
 
 def test_cloth_at_the_edge_of_the_raster_has_a_border_there() -> None:
@@ -92,3 +96,10 @@ def test_a_view_that_lies_absurdly_far_from_another_is_not_drawn_with_it(far_m: 
     view = blank_view(np.ones((20, 30), dtype=bool))
     with pytest.raises(FlatteningError, match="would be too large"):
         place_all([(view, Rigid2()), (view, Rigid2(0.0, far_m, far_m))])
+
+
+def test_the_grid_round_all_corners_begins_at_whole_pixels_below_them() -> None:
+    corners = [np.array([[0.031, -0.052], [0.04, -0.01]]), np.array([[0.05, -0.03]])]
+    origin, shape = bounds(corners, 0.002)
+    np.testing.assert_allclose(origin, (0.030, -0.052), atol=1e-12)
+    assert shape == (22, 11)

@@ -97,6 +97,14 @@ def test_every_pixel_is_linked_to_its_image_pixel_and_held_point() -> None:
         assert np.isnan(array[~view.valid]).all()
 
 
+def test_colors_come_from_the_linked_pixel() -> None:
+    shown = Cylinder()[0]
+    view = flattened(shown).view
+    source = np.rint(view.source_rc[view.valid]).astype(int)
+    exact = shown.color[source[:, 0], source[:, 1], 0].astype(int)
+    assert np.mean(np.abs(view.rgb[view.valid][:, 0] - exact) <= 3) > 0.75
+
+
 def test_holes_and_necklines_stay_open() -> None:
     depth = plane()
     x, y = rays()
@@ -121,6 +129,15 @@ def test_separate_parts_are_flattened_each_on_its_own_largest_first() -> None:
     assert areas[0] == pytest.approx(0.12 * 0.2, rel=0.06)
     assert areas[1] == pytest.approx(0.05 * 0.2, rel=0.1)
     assert len(flattened(frame(depth, mask), min_area_m2=0.015).components) == 1
+
+
+def test_the_pixel_size_is_metric_and_free_to_choose() -> None:
+    depth = plane()
+    shown = frame(depth, box(0.08, depth))
+    coarse = flattened(shown, FlatteningConfig(pixel_size_m=0.004)).view
+    fine = flattened(shown, FlatteningConfig(pixel_size_m=0.001)).view
+    assert coarse.pixel_size_m == 0.004
+    assert coarse.area_m2 == pytest.approx(fine.area_m2, rel=0.04)
 
 
 def test_the_intermediates_of_both_levels_are_kept() -> None:

@@ -105,6 +105,13 @@ def test_a_plane_seen_steeply_is_no_ramp() -> None:
     assert not find_ramps(np.where(box(0.1, depth), 1.0 / depth, 0.0), CAMERA).any()
 
 
+def test_a_plane_as_steep_as_a_ramp_is_none_where_it_ends_either() -> None:
+    depth = plane(2.2, 0.0)
+    inverse = np.where(box(0.1, depth), 1.0 / depth, 0.0)
+    inverse[:, CAMERA.width // 2] = 0.0
+    assert not find_ramps(inverse, CAMERA).any()
+
+
 def test_a_small_dropout_is_bridged_exactly_and_a_large_one_stays_open() -> None:
     depth = plane(0.3, 0.2)
     mask = box(0.1, depth)
@@ -167,6 +174,13 @@ def test_height_and_distance_of_a_point_are_those_from_the_axis() -> None:
         assert away[n] == pytest.approx(np.linalg.norm(np.cross(off, axis.direction)), abs=1e-6)
 
 
+def test_a_surface_that_ends_at_any_step_claims_no_noise_that_it_does_not_have() -> None:
+    shown = frame(plane(), box(0.1, plane()))
+    torn = observe_surface(shown, AXIS, CONFIG, torn=True)
+    assert torn.noise_m < 1e-5
+    assert not torn.noisy
+
+
 @pytest.mark.parametrize("slope", [(0.5, 0.0), (0.0, 0.5), (0.4, -0.3)])
 def test_points_and_normals_between_the_pixels_of_a_plane_are_exact(slope: tuple[float, float]) -> None:
     depth = plane(*slope)
@@ -211,6 +225,14 @@ def test_a_crease_is_no_jump() -> None:
     depth = plane() - 0.7 * np.abs(x) * 0.85
     steps = all_steps(depth)
     np.testing.assert_array_equal(cut_small_jumps(1.0 / depth, steps), steps)
+
+
+def test_a_bent_surface_has_no_jumps() -> None:
+    surface = observe_surface(Cylinder()[0], AXIS, SurfaceConfig())
+    right = surface.usable[:, :-1] & surface.usable[:, 1:]
+    down = surface.usable[:-1] & surface.usable[1:]
+    assert (surface.steps[:, :-1][right] & STEP_RIGHT > 0).all()
+    assert (surface.steps[:-1][down] & STEP_DOWN > 0).all()
 
 
 def test_the_jump_is_measured_off_the_slopes_on_both_sides() -> None:

@@ -10,6 +10,7 @@ import pytest
 from garment_evidence import blank_view
 
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import rotation_about
 from flatcloth.core.types import FlattenedView, RotationAxis
 from flatcloth.grasping.grasps import (
     OPENING_M,
@@ -20,6 +21,7 @@ from flatcloth.grasping.grasps import (
     grasp_pose,
     pixel_of_point,
     point_on_ray,
+    quaternion_wxyz,
 )
 from flatcloth.grasping.surroundings import nearest_outline
 
@@ -116,6 +118,11 @@ def test_a_ray_meets_the_front_of_the_cloth_and_not_its_back() -> None:
     assert point_on_ray(points, np.zeros(3), np.array([0.3, 0.0, 0.8])) == 2
     assert point_on_ray(points, np.zeros(3), np.array([0.0, 1.0, 0.0])) is None
     assert point_on_ray(np.zeros((0, 3)), np.zeros(3), np.array([0.0, 0.0, 1.0])) is None
+
+
+def test_among_points_of_one_layer_the_one_nearest_to_the_ray_is_met() -> None:
+    points = np.array([[0.004, 0, 0.800], [0.001, 0, 0.805]])
+    assert point_on_ray(points, np.zeros(3), np.array([0.0, 0.0, 1.0])) == 1
 
 
 # --- poses ----------------------------------------------------------------------------------------
@@ -273,8 +280,26 @@ def test_without_a_normal_there_is_no_pose(normal: list[float]) -> None:
     assert grasp_pose(flat_sheet(60, 60), np.array([0.06, 0.06, 0.8]), np.array(normal), AXIS) is None
 
 
+def test_the_gripper_is_drawn_outside_with_its_fingers_across_the_axis() -> None:
+    pose = picked(cylinder(), 0.10, 0.03, Grip(opening_m=0.07))
+    lines = (pose.gripper_m() - pose.object_from_grasp.translation_m) @ pose.object_from_grasp.rotation
+    assert lines.shape == (6, 2, 3)
+    tips = lines[:2, 0]
+    np.testing.assert_allclose(tips, [[0, -0.035, 0], [0, 0.035, 0]], atol=1e-12)
+    assert lines[..., 2].max() == pytest.approx(0.0, abs=1e-12)  # nothing of it lies behind the cloth
+
+
 def test_the_place_on_the_plane_is_as_sure_as_the_view_says() -> None:
     assert math.isnan(picked(flat_sheet(60, 60), 0.06, 0.06).uncertainty.placement_m)
 
     placed = replace(flat_sheet(60, 60), placement_std_m=np.full((60, 60), 0.004, np.float32))
     assert picked(placed, 0.06, 0.06).uncertainty.placement_m == pytest.approx(0.004)
+
+
+def test_quaternions_are_those_of_the_rotation() -> None:
+    half = math.sqrt(0.5)
+    assert quaternion_wxyz(np.eye(3)) == (1.0, 0.0, 0.0, 0.0)
+    quarter_about_z = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    assert quaternion_wxyz(quarter_about_z) == pytest.approx((half, 0, 0, half))
+    for angle in (0.3, 3.0, -3.0):  # beyond half a turn the other sign would name the same rotation
+        assert quaternion_wxyz(rotation_about(np.array([0.6, 0.8, 0.0]), angle))[0] >= 0

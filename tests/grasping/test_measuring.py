@@ -30,6 +30,11 @@ def test_along_the_cylinder_all_three_are_the_same():
     assert [found.flat_m, found.cloth_m, found.air_m] == pytest.approx([0.20] * 3, rel=0.002)
 
 
+def test_obliquely_the_cloth_is_the_helix():
+    found = measure(SIDE, place(-0.08, 0.05), place(0.08, 0.25))
+    assert found.cloth_m == pytest.approx(np.hypot(0.16, 0.20), rel=0.01)
+
+
 def test_noise_of_the_depth_does_not_lengthen_the_cloth_much():
     noise = np.random.default_rng(0).normal(scale=0.001, size=SIDE.xyz_m.shape).astype(np.float32)
     found = measure(replace(SIDE, xyz_m=SIDE.xyz_m + noise), place(-0.10, 0.15), place(0.10, 0.15))
@@ -80,3 +85,9 @@ def test_off_the_cloth_only_the_flat_length_is_known():
     found = measure(SIDE, place(-0.10, 0.15), place(3.0, 0.15))
     assert found.flat_m == pytest.approx(3.10)
     assert np.isnan([found.cloth_m, found.air_m]).all()
+
+
+def test_no_distance_is_zero():
+    found = measure(SIDE, place(0.01, 0.15), place(0.01, 0.15))
+    assert (found.flat_m, found.air_m) == (0.0, 0.0)
+    assert found.cloth_m == pytest.approx(0.0, abs=1e-9)

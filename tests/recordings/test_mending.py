@@ -38,6 +38,11 @@ def test_each_mend_is_kept_as_json_and_makes_another_recording(recording, mends)
     assert fingerprint(mended(recording, mends)) != fingerprint(recording)
 
 
+def test_nothing_is_changed_without_mends(recording):
+    assert mended(recording, Mends()) is recording
+    assert not Mends()
+
+
 def test_a_manifest_gives_mends_as_text():
     row = {
         "reverse": "yes",
@@ -75,6 +80,11 @@ def test_angles_turn_back_and_views_are_left_out(recording):
     assert (made[1].depth_m == recording[2].depth_m).all()
 
 
+def test_a_view_that_there_is_not_is_refused(recording):
+    with pytest.raises(RecordingError, match="has no view 36"):
+        mended(recording, Mends(leave_out=(36,)))
+
+
 def test_images_are_turned_with_their_camera(recording):
     made, frame = mended(recording, Mends(rotate=90)), recording[4]
     turned = made[4]
@@ -87,3 +97,9 @@ def test_images_are_turned_with_their_camera(recording):
     # Clockwise: what was up (-y) is right (+x) now.
     assert (here[1] - q.cx) / q.fx == pytest.approx(-(row - k.cy) / k.fy)
     assert (here[0] - q.cy) / q.fy == pytest.approx((col - k.cx) / k.fx)
+
+
+def test_color_moves_against_depth(recording):
+    moved = mended(recording, Mends(color_shift=(4.0, 0.0)))[0]
+    assert (moved.color[:, 4:] == recording[0].color[:, :-4]).all()
+    assert (moved.depth_m == recording[0].depth_m).all()

@@ -18,6 +18,7 @@ from flatcloth.core.geometry import camera_from_object
 from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.recordings import open_recording
 from flatcloth.registration.axis import Hanging, resolve_axis
+from flatcloth.registration.axis_estimation import choose_views
 
 CONFIG = SurfaceConfig()
 SPHERES = (  # x, y, z in the object frame, radius
@@ -94,6 +95,15 @@ def axis(x: float = 0.02, z: float = 0.87, pitch_deg: float = 0.0, roll_deg: flo
 
 def hanging(recording: Spheres) -> Hanging:
     return resolve_axis(recording, recording.__getitem__, CONFIG)
+
+
+def test_the_views_looked_at_are_spread_over_the_turn() -> None:
+    assert choose_views([0.0, 20.0, -10.0]) == [0, 1, 2]
+    chosen = choose_views([0.5 * n for n in range(720)])
+    assert len(chosen) == 18
+    assert np.ptp(np.diff([0.5 * n for n in chosen])) <= 0.5
+    crowded = choose_views([0.1 * n for n in range(100)] + [90.0, 180.0, 270.0])
+    assert {100, 101, 102} <= set(crowded)
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,20 @@ import pytest
 from scenes import AXIS
 
 from flatcloth.core.geometry import Rigid3, object_from_camera
+from flatcloth.flattening.surface import EXTENT_M
 from flatcloth.registration.pose_prior import (
     PosePrior,
+    across,
     at_center,
+    chances,
+    grades,
     jacobians_of,
     motion,
+    moved_axis,
     pair_covariance,
     poses,
     twists_between,
+    variances,
 )
 
 HELD_M = np.array([0.02, -0.3, 0.85])
@@ -53,6 +59,33 @@ def test_twists_of_many_pairs_are_those_of_each() -> None:
         apart, by = other.inverse() @ one, motion(twist, center)
         np.testing.assert_allclose(by.rotation, apart.rotation, atol=1e-12)
         np.testing.assert_allclose(by.translation_m, apart.translation_m, atol=1e-12)
+
+
+def test_the_axis_moves_sideways_and_tilts_as_the_unknowns_say() -> None:
+    side, front = across(AXIS)
+    moved = moved_axis(AXIS, np.array([0.01, -0.02, 0.1, 0.2, 0.0]))
+    np.testing.assert_allclose(moved.point_m - AXIS.point_m, 0.01 * side - 0.02 * front)
+    assert moved.direction @ side / (moved.direction @ AXIS.direction) == pytest.approx(0.1)
+    assert moved.direction @ front / (moved.direction @ AXIS.direction) == pytest.approx(0.2)
+    np.testing.assert_allclose(np.cross(AXIS.direction, side), front, atol=1e-12)
+
+
+def test_exact_recordings_are_as_probable_as_all_others_together() -> None:
+    prior = PosePrior()
+    chance, grid = chances(prior), grades(prior)
+    assert chance.sum() == pytest.approx(1.0)
+    assert chance[0] == 0.5
+    assert (grid[0] <= grid).all()
+    assert (grid[-1] >= grid).all()
+    one = PosePrior(turn_stds_deg=(1.0,), axis_stds_m=(0.001,), swing_stds_deg=(0.1,))
+    assert chances(one).tolist() == [1.0]
+
+
+def test_variances_are_the_squares_of_a_grade_for_each_view() -> None:
+    prior = PosePrior()
+    found = variances(2, np.array([0.1, 0.02, 0.3]), prior)
+    tilt = (0.02 / EXTENT_M) ** 2
+    np.testing.assert_allclose(found, [4e-4, 4e-4, tilt, tilt, 1.0, *(0.01, 0.09, 0.09) * 2])
 
 
 def test_a_pair_moves_as_far_as_its_own_errors_and_those_of_the_axis_allow() -> None:

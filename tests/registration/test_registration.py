@@ -44,6 +44,16 @@ def test_views_whose_rotation_is_right_stay_where_they_are(exact: Integration) -
         np.testing.assert_array_equal(pose.translation_m, known.translation_m)
 
 
+def test_each_view_says_what_was_changed_and_how_sure_that_is(exact: Integration) -> None:
+    views = registered(exact).views
+    assert [v.view_index for v in views] == [0, 1, 2]
+    for view in views[1:]:
+        assert abs(view.turned_deg) < 0.5
+        assert view.moved_m < 0.002
+        assert (view.std_m > 0).all()
+        assert (view.std_deg > 0).all()
+
+
 def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_confirmed(
     exact: Integration,
 ) -> None:

@@ -14,7 +14,11 @@ from flatcloth.rendering.drawing import webp_of
 from flatcloth.rendering.layers import difference, png
 from flatcloth.rendering.sides import (
     OTHER_RGBA,
+    OUTSIDE_RGBA,
     THIS_RGBA,
+    UNDECIDED_RGBA,
+    shape_rgba,
+    side_rgba,
     small_side_rgba,
 )
 
@@ -46,6 +50,17 @@ def test_a_view_laid_on_itself_has_all_its_cloth_and_colors_in_common():
     assert found.color[found.common].max() == 0.0
 
 
+def test_the_color_difference_is_the_mean_of_the_three_channels():
+    other = replace(SHAPE, rgb=SHAPE.rgb + np.array([3, 6, 30], dtype=np.uint8))
+    np.testing.assert_allclose(difference(SHAPE, other, AXIS).color[SHAPE.valid], 13.0, atol=1e-4)
+
+
+def test_views_that_do_not_meet_have_nothing_in_common():
+    found = difference(SHAPE, moved(u_m=2.0), AXIS)
+    assert not found.common.any()
+    assert np.isnan(found.color).all()
+
+
 # --- small pictures -------------------------------------------------------------------------------
 
 
@@ -62,6 +77,44 @@ def test_a_small_picture_is_exact_where_it_is_opaque_and_smaller_than_a_png(coun
 
 
 # --- sides ----------------------------------------------------------------------------------------
+
+
+SIDE = np.array([[1, -1, 2], [0, 0, 0]], dtype=np.int8)
+SURE = np.ones(SIDE.shape, dtype=np.float32)
+
+
+def test_labels_lie_at_their_place_in_the_image() -> None:
+    image = side_rgba(SIDE, SURE, (4, 7), (10, 12))
+    assert image.shape == (10, 12, 4)
+    assert tuple(image[4, 7]) == THIS_RGBA
+    assert tuple(image[4, 8]) == OTHER_RGBA
+    assert tuple(image[4, 9]) == OUTSIDE_RGBA
+    assert tuple(image[0, 0]) == OUTSIDE_RGBA
+
+
+def test_undecided_cloth_is_striped() -> None:
+    side = np.zeros((24, 24), dtype=np.int8)
+    image = side_rgba(side, np.full(side.shape, 0.5, np.float32), (0, 0), side.shape)
+    striped = (image == UNDECIDED_RGBA).all(axis=-1)
+    assert 0.4 < striped.mean() < 0.6
+    assert (image[~striped, 3] == 0).all()
+
+
+def test_less_certain_labels_are_paler() -> None:
+    side = np.ones((1, 2), dtype=np.int8)
+    image = side_rgba(side, np.array([[1.0, 0.75]], np.float32), (0, 0), (1, 2))
+    assert image[0, 1, 3] < image[0, 0, 3]
+
+
+def test_doubt_is_opaque_and_certainty_is_clear() -> None:
+    image = shape_rgba(np.array([[1.0, 0.5, np.nan]], np.float32))
+    assert image[0, :, 3].tolist() == [0, 220, 0]
+
+
+def test_the_certainty_of_a_view_shows_the_item_only() -> None:
+    image = side_rgba(SIDE, np.full(SIDE.shape, 0.5, np.float32), (0, 0), SIDE.shape, doubt=True)
+    assert image[0, 0, 3] == 220
+    assert image[0, 2, 3] == 0
 
 
 def test_a_small_picture_shows_the_labels_and_is_clear_off_the_item() -> None:

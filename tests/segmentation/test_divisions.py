@@ -97,6 +97,14 @@ def test_divisions_differ_where_evidence_for_and_against_are_alike():
     assert (known[:, two.ravel()] == 1).mean() > 0.9
 
 
+def test_a_stroke_holds_only_its_mark_where_the_rest_is_held_by_others(plate):
+    divisions, front, _ = plate
+    around = front[:, [0, 1, 2, -3, -2, -1]].ravel()
+    found = sides(divisions, 2 * front.size, this=around, other=front[15:17, 14:17].ravel())
+    assert (found[:, around] == 1).all()
+    assert (found[:, front[15:17, 14:17].ravel()] == -1).all()
+
+
 def test_color_divides_cloth_that_seems_one_in_as_many_divisions_as_it_is_probable():
     one, of_one = sheet()
     two, of_two = sheet(one.size)

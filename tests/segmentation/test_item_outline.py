@@ -46,6 +46,13 @@ def test_cloth_of_the_colour_of_its_background_is_left_as_measured() -> None:
     assert (kept & true).sum() > 0.95 * true.sum()
 
 
+def test_what_was_not_measured_within_the_item_is_no_background() -> None:
+    color, true = scene()
+    hole = np.zeros_like(true)
+    hole[45:75, 60:100] = True
+    np.testing.assert_array_equal(without_background(color, true & ~hole), true & ~hole)
+
+
 @pytest.mark.parametrize("by_px", [0, 4])
 def test_color_that_is_aligned_to_depth_is_black_beyond_the_outline(by_px: int) -> None:
     color, true = scene()
@@ -53,6 +60,12 @@ def test_color_that_is_aligned_to_depth_is_black_beyond_the_outline(by_px: int) 
     found = without_background(np.where(seen[..., None], color, np.uint8(0)), seen)
     assert (found & ~true).sum() <= 0.02 * (seen & ~true).sum()
     assert (found & true).sum() > 0.99 * true.sum()
+
+
+@pytest.mark.parametrize("true", [np.zeros(SIZE, dtype=np.bool_), np.ones(SIZE, dtype=np.bool_)])
+def test_no_item_and_an_item_without_background_stay(true: Bool) -> None:
+    color, _ = scene()
+    np.testing.assert_array_equal(without_background(color, true), true)
 
 
 def test_a_strap_too_thin_to_have_an_inside_stays() -> None:

@@ -114,6 +114,16 @@ def test_strokes_on_cloud_and_canvas_reach_the_layer_their_normal_means(solver):
     assert shares(solver.solve((on_front,)))[0] > 0.999
 
 
+def test_a_stroke_that_agrees_changes_nothing(solver):
+    wanted = stroke(view=0)
+    once = solver.solve((wanted,))
+    twice = solver.solve((wanted, stroke(view=0, points=((100.0, 120.0),))))
+    assert np.array_equal(once.side, twice.side)
+    assert twice.changed.startswith("The last decision changed 0 cm2 in 0 views")
+    assert [twice.mask_key(n) for n in range(18)] == [once.mask_key(n) for n in range(18)]
+    assert twice.conflicts == ()
+
+
 def test_a_stroke_that_contradicts_an_earlier_one_holds_and_says_so(solver):
     found = solver.solve((stroke("this"), stroke("other")))
     (conflict,) = found.conflicts
@@ -157,6 +167,14 @@ def test_places_have_the_side_of_the_layer_their_normal_means(solver):
     assert side.tolist() == [OF_INTEREST, OTHER, NO_ITEM]
     assert certainty[:2].min() > 0.7
     assert certainty[2] == 0
+
+
+def test_the_view_says_side_and_certainty_of_every_pixel_of_the_item(solver):
+    found = solver.solve(())
+    view, seen = found.view(3), solver.observed.views[3]
+    assert (view.side[~seen.item] == NO_ITEM).all()
+    assert (view.certainty[~seen.item] == 0).all()
+    assert (view.certainty[seen.item] >= 0.5).all()
 
 
 def test_where_to_stroke_next_lies_on_the_item_and_is_none_when_all_is_sure(solver):
@@ -260,6 +278,11 @@ def test_an_empty_foreground_is_refused():
     empty = [replace(view.frame, depth_m=np.zeros_like(view.frame.depth_m)) for view in VIEWS[:2]]
     with pytest.raises(SegmentationError, match="the foreground is empty"):
         gather_evidence(empty, AXIS, TOP_M, Config())
+
+
+def test_one_view_is_enough():
+    found = solver_of(VIEWS[:1]).solve(())
+    assert shares(found, VIEWS[:1])[0] == 1.0
 
 
 def test_some_views_of_a_recording_keep_their_numbers(solver):

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from made_up_sheets import STEP_M, exact_graph, grid
 
+from flatcloth.core.geometry import rotation_about
 from flatcloth.core.types import Bool, Float64
 from flatcloth.shape.algorithm import laid_out
 from flatcloth.shape.deviations import deviations_m
@@ -28,6 +30,13 @@ def with_flap(neck: int) -> tuple[Graph, Bool]:
     uv = np.concatenate([PLATE, flap, strip])
     at = np.arange(len(uv))
     return exact_graph(uv), (at >= len(PLATE)) & (at < len(PLATE) + len(flap))
+
+
+def test_a_patch_that_hangs_together_is_sure_to_a_few_millimetres() -> None:
+    std_m = deviations(exact_graph(PLATE))
+    assert (std_m >= 0.0005).all()
+    assert np.median(std_m) < 0.002
+    assert std_m.max() < 0.004
 
 
 def test_what_hangs_on_a_neck_is_less_sure_the_narrower_it_is() -> None:
@@ -88,3 +97,13 @@ def test_ripples_that_noise_took_make_lengths_less_sure() -> None:
         for ripples in (0.0, 0.5)
     )
     assert (rippled > 2.0 * smooth).all()
+
+
+def test_a_garment_that_hangs_or_lies_elsewhere_is_about_as_sure() -> None:
+    """To an eighth or two: deviations are those of a few samples."""
+    graph, on_flap = with_flap(2)
+    usual = np.median(deviations(graph)[on_flap])
+    laid = replace(graph, offset_m=graph.offset_m * np.exp(1.0j))
+    hung = replace(graph, xyz_m=graph.xyz_m @ rotation_about(np.array([0.6, 0.0, 0.8]), 2.0))
+    for moved in (laid, hung):
+        assert np.median(deviations(moved)[on_flap]) == pytest.approx(usual, rel=0.4)

@@ -52,6 +52,12 @@ def test_two_pairs_that_the_operator_vouches_for_join_two_sheets_of_noisy_cloth(
     assert [piece[0] == piece[100] for piece in found] == [False, True]
 
 
+def test_a_chain_of_sheets_is_joined_link_by_link() -> None:
+    three = np.concatenate([TWO, grid(10, 10, (0.4, 0.0))])
+    onward = [(190 + row, 200 + row) for row in range(10)]
+    assert set(pieces(three, RIM + onward, 1.0)) == {0}
+
+
 def test_a_loose_node_goes_with_the_sheet_that_it_shares_most_with() -> None:
     uv = np.concatenate([TWO, [[0.14, 0.05]]])
     piece = pieces(uv, [(95, 200), (104, 200), (105, 200)], 0.9)
@@ -62,6 +68,10 @@ def test_pieces_are_numbered_by_size_and_scraps_are_none() -> None:
     uv = np.concatenate([grid(2, 2, (0.3, 0.0)), grid(5, 8, (0.5, 0.0)), grid(10, 10), [[0.8, 0.0]]])
     size = [4, 40, 100, 1]
     np.testing.assert_array_equal(pieces(uv, [], 1.0), np.repeat([-1, 1, 0, -1], size))
+
+
+def test_a_shape_of_a_few_nodes_only_is_a_piece_nevertheless() -> None:
+    assert set(pieces(grid(2, 3), [], 1.0)) == {0}
 
 
 ROWS, COLS = 16, 30

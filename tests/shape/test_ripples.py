@@ -38,3 +38,8 @@ def test_cloth_that_lies_on_other_cloth_is_no_ripple() -> None:
     above = xyz_m + np.array([0.0, 0.0, 0.2])
     both = [np.concatenate(two) for two in ((at, at + 0.003), (xyz_m, above), (normal, -normal))]
     assert ripples_of(*both)[: len(at)] == pytest.approx(ripples_of(at, xyz_m, normal), abs=1e-3)
+
+
+def test_too_few_nodes_have_no_ripples() -> None:
+    at, xyz_m, normal = rolled(np.zeros(24 * 24))
+    assert ripples_of(at[:1], xyz_m[:1], normal[:1]).tolist() == [0.0]

@@ -11,6 +11,7 @@ from made_up_sheets import exact_graph, grid, neighbours
 from flatcloth.core.types import Bool, Float64
 from flatcloth.shape.graph import Graph, z_of
 from flatcloth.shape.joints import doubt_m, doubt_of, false_share, seen_often, weak_joints
+from flatcloth.shape.shape import RELIABLE_M
 
 THREE = np.concatenate([grid(10, 10), grid(10, 6, (0.2, 0.0)), grid(8, 5, (0.4, 0.0))])
 SHEET = np.repeat([0, 1, 2], [100, 60, 40])
@@ -58,6 +59,13 @@ def test_pairs_that_half_as_many_views_see_count_a_quarter() -> None:
     np.testing.assert_allclose(counted[graph.views == 2], 0.25, rtol=0.05)
     np.testing.assert_array_equal(counted[graph.views == 4], 1.0)
     np.testing.assert_allclose(doubts_m(graph)[2], left_m(10.0, 2), rtol=0.1)
+
+
+def test_cloth_that_many_pairs_join_is_not_doubted() -> None:
+    graph, _ = in_a_row((30.0, 300.0))
+    for off_m in doubts_m(graph):
+        assert off_m.max() < RELIABLE_M
+    assert not weak_joints(graph.pairs, graph.evidence, ALL)
 
 
 def test_a_joint_is_what_hangs_on_it_and_cloth_behind_a_weaker_one_has_no_other() -> None:

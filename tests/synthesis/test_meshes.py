@@ -6,6 +6,7 @@ import gzip
 import json
 import re
 import struct
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,7 +21,8 @@ from flatcloth.cli import main
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.subprocess_worker import Worker
 from flatcloth.synthesis import meshes
-from flatcloth.synthesis.meshes import GarmentMesh, read_mesh
+from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh
+from flatcloth.synthesis.rendering import load_open3d
 
 VERTICES, TRIANGLES, UV = arc(columns=6, rows=4)
 RED_BGR = np.full((4, 4, 3), (10, 20, 200), np.uint8)
@@ -256,6 +258,19 @@ def test_colors_of_vertices_come_from_obj_and_ply(tmp_path: Path) -> None:
         assert np.abs(mesh.vertex_rgb[mesh.triangles].astype(int) - rgb[TRIANGLES]).max() <= 1
 
 
+def test_turned_inside_out(tmp_path: Path) -> None:
+    mesh = read_mesh(write_obj(tmp_path / "a.obj", VERTICES, TRIANGLES, UV))
+    turned = inside_out(mesh)
+    assert volume(turned) == pytest.approx(-volume(mesh))
+    assert turned.corner_uv is not None
+    assert np.allclose(turned.corner_uv, UV[turned.triangles], atol=1e-6)
+
+
+def volume(mesh: GarmentMesh) -> float:
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    return float((np.cross(a, b) * c).sum() / 6)
+
+
 # --- what is not read -----------------------------------------------------------------------------
 
 
@@ -325,3 +340,9 @@ def test_faces_without_area_count_too(tmp_path: Path, monkeypatch: pytest.Monkey
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n" + "f 1 1 1\n" * 1000)
     with pytest.raises(SynthesisError, match=r"line 1004 .*the limit is 1000 triangles: decimate"):
         read_mesh(path)
+
+
+def test_open3d_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(SynthesisError, match=r"needs Open3D, .* not installed. Run: pip install 'flatcloth"):
+        load_open3d()

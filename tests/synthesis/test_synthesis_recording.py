@@ -16,7 +16,7 @@ from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import Truth
-from flatcloth.synthesis.hanging import PoseErrors, hang
+from flatcloth.synthesis.hanging import PoseErrors, hang, turn
 from flatcloth.synthesis.recording import Request, camera_of, synthesize
 from flatcloth.synthesis.sensor import Exposure
 from flatcloth.synthesis.textures import PATTERNS, pattern_rgb
@@ -97,6 +97,14 @@ def test_views_agree_in_the_held_frame_with_their_angles_and_truth(tmp_path: Pat
         assert np.linalg.norm(moved, axis=1).max() < 3e-3
 
 
+def test_the_truth_is_seen_from_outside_and_not_mirrored(tmp_path: Path) -> None:
+    recording = made(tmp_path)
+    true = Truth(recording.location)[0].flat_uv_m
+    row, col = CAMERA.height // 2, CAMERA.width // 2
+    assert true[row, col + 10, 0] > true[row, col - 10, 0]
+    assert true[row + 10, col, 1] > true[row - 10, col, 1]
+
+
 def test_the_inner_face_is_no_side_of_interest(tmp_path: Path) -> None:
     recording = made(tmp_path)
     behind = recording[4]  # turned by 180 degrees
@@ -141,6 +149,25 @@ def test_any_axis_may_be_up(up: str, file_from_z_up: np.ndarray) -> None:
     assert np.allclose(turned.points_m, usual.points_m)
     below = hang(-vertices @ file_from_z_up.T, up=f"-{up}", scale=1.0, held=None, distance_m=0.85)
     assert np.allclose(below.points_m[:, 1], usual.points_m[:, 1])
+
+
+def test_units_and_held_point_are_the_files(tmp_path: Path) -> None:
+    vertices, triangles, _ = arc()
+    mesh = write_obj(tmp_path / "mm.obj", 1e3 * vertices + 500, triangles)
+    recording = made(tmp_path, mesh, scale=0.001, held=(500 + 1e3 * RADIUS_M, 500.0, 500.0), step_deg=90.0)
+    same = made(tmp_path, out=tmp_path / "m", step_deg=90.0)
+    assert np.abs(recording[0].depth_m - same[0].depth_m).max() < 2e-4
+
+
+def test_balanced_the_middle_hangs_below_the_held_vertex() -> None:
+    vertices, _, _ = arc()
+    hung = hang(vertices, up="z", scale=1.0, held=0, distance_m=0.85, balanced=True)
+    offset = hung.points_m.mean(axis=0) - hung.held_point_m
+    assert np.allclose(offset[[0, 2]], 0, atol=1e-9)
+    assert offset[1] > 0
+    assert np.allclose(hung.points_m[0], hung.held_point_m)
+    size = np.linalg.norm(hung.points_m[0] - hung.points_m[-1])
+    assert size == pytest.approx(np.linalg.norm(vertices[0] - vertices[-1]))
 
 
 # --- colors ----------------------------------------------------------------------------------
@@ -207,6 +234,35 @@ def test_loose_angles_and_axis_are_wrong_only_in_what_is_recorded(tmp_path: Path
     assert (loose[3].depth_m == exact[3].depth_m).all()
 
 
+def test_a_swinging_item_stays_at_the_held_point() -> None:
+    vertices, _, _ = arc()
+    hung = hang(vertices, up="z", scale=1.0, held=(RADIUS_M, 0.0, 0.0), distance_m=0.85)
+    angles = tuple(float(a) for a in range(360))
+    still, swinging = (
+        turn(hung, angles, PoseErrors(swing_m=swing), np.random.default_rng(0)) for swing in (0.0, 0.02)
+    )
+    lowest = hung.held_point_m + np.array([0, HEIGHT_M, 0])
+    moved = np.array(
+        [
+            [s.apply(p) - q.apply(p) for p in (hung.held_point_m, lowest)]
+            for s, q in zip(swinging.camera_from_view0, still.camera_from_view0, strict=True)
+        ]
+    )
+    assert np.allclose(moved[:, 0], 0)
+    assert np.allclose(moved[0], 0)  # angles count from view 0
+    assert np.allclose(moved[:, 1].std(axis=0)[[0, 2]], 0.02, rtol=0.15)
+    assert swinging.recorded_angles_deg == angles
+    assert (swinging.recorded_axis.point_m == still.recorded_axis.point_m).all()
+
+
+def test_recorded_angles_never_fall_on_each_other() -> None:
+    vertices, _, _ = arc()
+    hung = hang(vertices, up="z", scale=1.0, held=None, distance_m=0.85)
+    turning = turn(hung, tuple(map(float, range(360))), PoseErrors(angle_deg=5.0), np.random.default_rng(0))
+    recorded = np.sort(np.mod(turning.recorded_angles_deg, 360))
+    assert np.diff(recorded, append=recorded[0] + 360).min() > 0.009
+
+
 # --- requests that cannot be met -------------------------------------------------------------
 
 
@@ -238,6 +294,12 @@ def test_wrong_requests(tmp_path: Path, more: dict[str, object], said: str) -> N
     assert not (tmp_path / "made").exists()
 
 
+def test_only_the_back_named(tmp_path: Path) -> None:
+    mesh = sheet_obj(tmp_path, groups={"back": np.arange(576)})
+    with pytest.raises(SynthesisError, match=r"sheet.obj: The mesh has no group named front"):
+        synthesize(request(tmp_path, mesh))
+
+
 def test_a_front_alone_is_a_single_layer_whose_other_side_is_its_inner_face(tmp_path: Path) -> None:
     mesh = sheet_obj(tmp_path, groups={"front": np.arange(576)})
     recording = made(tmp_path, mesh, step_deg=90.0)
@@ -251,6 +313,13 @@ def test_a_front_alone_is_a_single_layer_whose_other_side_is_its_inner_face(tmp_
         mask = recording[n].mask
         assert mask is not None
         assert (truth[n].outer_face[mask] & (truth[n].panel[mask] == 1)).all()
+
+
+def test_a_flat_panel_too_large_for_the_format(tmp_path: Path) -> None:
+    vertices, triangles, _ = arc(160.0)
+    mesh = write_obj(tmp_path / "curtain.obj", vertices * (1, 1, 12), triangles)
+    with pytest.raises(SynthesisError, match="over 3 m large when flat"):
+        synthesize(request(tmp_path, mesh, distance_m=4.0))
 
 
 @pytest.mark.parametrize(
@@ -270,6 +339,27 @@ def test_an_item_that_leaves_the_image_is_noted(tmp_path: Path) -> None:
     assert not synthesize(request(tmp_path)).warnings
     near = synthesize(request(tmp_path, out=tmp_path / "near", distance_m=0.4))
     assert "leaves the image" in near.warnings[0]
+
+
+def test_a_folded_truth_is_noted(tmp_path: Path) -> None:
+    # A ball with a small hole: no way of laying it flat keeps it from folding.
+    across, around = np.meshgrid(np.radians(np.linspace(8, 172, 12)), np.radians(np.arange(0, 360, 15)))
+    ring = np.stack(
+        [np.sin(across) * np.cos(around), np.sin(across) * np.sin(around), np.cos(across)], axis=-1
+    )
+    i = np.arange(ring[..., 0].size).reshape(ring.shape[:2])
+    j = np.roll(i, -1, axis=0)
+    sides = np.concatenate(
+        [
+            np.stack([i[:, :-1], i[:, 1:], j[:, 1:]], -1).reshape(-1, 3),
+            np.stack([i[:, :-1], j[:, 1:], j[:, :-1]], -1).reshape(-1, 3),
+        ]
+    )
+    floor = np.stack([np.full(24, i.size), np.roll(i[:, -1], -1), i[:, -1]], axis=1)
+    vertices = np.concatenate([0.15 * ring.reshape(-1, 3), [[0, 0, -0.15]]])
+    mesh = write_obj(tmp_path / "ball.obj", vertices, np.concatenate([sides, floor]))
+    result = synthesize(request(tmp_path, mesh, held=None))
+    assert "folded on the plane" in result.warnings[0]
 
 
 # --- the command -----------------------------------------------------------------------------

@@ -46,3 +46,14 @@ def test_ramps_join_layers_that_are_near_and_not_those_far_apart() -> None:
 
     assert 2 < between(0.04) < 9
     assert between(0.4) < 0.5
+
+
+def test_near_layers_reach_over_far_ones() -> None:
+    depth = np.full((120, 120), 0.80)
+    depth[:, 60:] = 0.90
+    reach = [np.flatnonzero((row > 0) & (row < 0.82)).max() for row in noisy(depth)[10:110]]
+    assert 59.5 < np.mean(reach) < 62
+
+
+def test_nothing_measured_where_nothing_is() -> None:
+    assert not noisy(np.zeros((40, 40))).any()

@@ -7,12 +7,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from garment_meshes import RADIUS_M, arc, write_obj
+from garment_meshes import HEIGHT_M, RADIUS_M, arc, write_obj
 
 from flatcloth.cli import main
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
-from flatcloth.synthesis.sensor import match
+from flatcloth.synthesis.hanging import PoseErrors, hang, turn, twisted
+from flatcloth.synthesis.sensor import COLOR_ABOVE_M, Exposure, aligned_color, match
 
 
 def speckled(shape: tuple[int, int], seed: int = 0) -> np.ndarray:
@@ -33,6 +34,17 @@ def test_a_shift_is_found_to_a_fraction_of_a_pixel(by_px: float) -> None:
     inside = found[40:-10, 10:-10]
     assert (inside > 0).mean() > 0.95
     assert abs(np.median(inside[inside > 0]) - by_px) < 0.1
+
+
+def test_what_only_one_imager_sees_and_what_has_no_texture_is_lost() -> None:
+    first = speckled((160, 120))
+    second = moved_up(first, 20.0)
+    second[60:100, :60] = speckled((40, 60), seed=1)
+    first[:, 90:], second[:, 90:] = 128, 128
+    found = match(first, second, 15, 26)
+    assert (found[90:110, 10:50] > 0).mean() < 0.1  # by chance
+    assert not found[:, 100:].any()
+    assert (found[90:110, 65:80] > 0).all()
 
 
 def test_a_stereo_recording_is_that_of_the_mesh_with_the_errors_of_matching(tmp_path: Path) -> None:
@@ -81,3 +93,45 @@ def test_a_stereo_recording_is_that_of_the_mesh_with_the_errors_of_matching(tmp_
     brightness = [swaying[n].color[swaying[n].depth_m > 0].mean() for n in (0, 2)]
     steady = [stereo[n].color[stereo[n].depth_m > 0].mean() for n in (0, 2)]
     assert abs(brightness[0] / steady[0] - brightness[1] / steady[1]) > 0.005
+
+
+def test_color_is_taken_from_where_the_camera_above_sees_the_cloth() -> None:
+    camera = open_camera()
+    depth = np.full((camera.height, camera.width), 0.85, dtype=np.float32)
+    depth[:, :5] = 0
+    rows = np.repeat(np.arange(camera.height, dtype=np.uint8)[:, None], camera.width, axis=1)
+    seen = aligned_color(np.dstack([rows] * 3), depth, camera)
+    assert not seen[:, :5].any()
+    shift = round(camera.fy * COLOR_ABOVE_M / 0.85)
+    assert (seen[50, 5:] == 50 + shift).all()
+
+
+def open_camera():
+    from flatcloth.synthesis.recording import camera_of
+
+    return camera_of((64, 128), 180.0)
+
+
+def test_a_twist_grows_downwards_and_leaves_heights_and_the_held_point() -> None:
+    vertices, _, _ = arc()
+    hung = hang(vertices, up="z", scale=1.0, held=(RADIUS_M, 0.0, 0.0), distance_m=0.85)
+    moved = twisted(hung, 10.0) - hung.held_point_m
+    still = hung.points_m - hung.held_point_m
+    assert np.allclose(moved[:, 1], still[:, 1])
+    assert np.allclose(np.hypot(moved[:, 0], moved[:, 2]), np.hypot(still[:, 0], still[:, 2]))
+    off = np.hypot(still[:, 0], still[:, 2]) > 0.01
+    turned = np.degrees(np.arctan2(moved[:, 0], moved[:, 2]) - np.arctan2(still[:, 0], still[:, 2]))[off]
+    turned = np.mod(turned + 180, 360) - 180
+    assert np.allclose(turned, 10.0 * still[off, 1] / HEIGHT_M, atol=1e-6)
+    turning = turn(hung, (0.0, 90.0, 180.0), PoseErrors(twist_deg=2.0), np.random.default_rng(0))
+    assert turning.twist_deg[0] == 0.0
+    assert min(np.abs(turning.twist_deg[1:])) > 0
+
+
+def test_exposure_wavers_by_its_share_and_colors_by_a_quarter_of_it() -> None:
+    random = np.random.default_rng(0)
+    grey = np.full((1, 1, 3), 100, dtype=np.uint8)
+    seen = np.array([Exposure(share=0.08).apply(grey, random)[0, 0] for _ in range(2000)]) / 100
+    assert seen.mean(axis=1).std() == pytest.approx(0.08, rel=0.1)
+    assert (seen[:, 0] - seen[:, 1]).std() == pytest.approx(0.02 * np.sqrt(2), rel=0.1)
+    assert (Exposure().apply(grey, random) == 100).all()

@@ -52,6 +52,13 @@ def test_a_pattern_serves_as_start_whatever_its_scale_and_side(mirror: float, sc
     assert error_m(panel, flat * DOWN, triangles) < 3e-4
 
 
+def test_texture_coordinates_that_distort_the_cloth_are_not_used() -> None:
+    vertices, triangles, flat = arc(160.0)
+    panel = flattened(vertices, triangles, (flat**2)[triangles])
+    assert not panel.from_pattern
+    assert error_m(panel, flat * DOWN, triangles) < 3e-4
+
+
 def test_a_tube_is_cut_between_its_openings() -> None:
     vertices, triangles = tube()
     panel = flattened(vertices, triangles)
@@ -84,6 +91,19 @@ def test_what_no_cut_between_openings_flattens() -> None:
         flattened(np.concatenate([vertices, [[0, 0, 1.0]]]), np.concatenate([triangles, fin, fin[:, ::-1]]))
 
 
+def test_parts_that_do_not_touch_lie_beside_each_other() -> None:
+    vertices, triangles, flat = arc(60.0, start_deg=-100.0)
+    other, _, _ = arc(60.0, start_deg=40.0)
+    both = flattened(
+        np.concatenate([vertices, other]), np.concatenate([triangles, triangles + len(vertices)])
+    )
+    first, second = np.split(both.corner_uv_m, 2)
+    assert first[..., 0].max() < second[..., 0].min() or second[..., 0].max() < first[..., 0].min()
+    for part in (first, second):
+        fitted = trimmed_fit(part.reshape(-1, 2), (flat * DOWN)[triangles].reshape(-1, 2))
+        assert np.abs(fitted - (flat * DOWN)[triangles].reshape(-1, 2)).max() < 3e-4
+
+
 def test_groups_named_front_and_back_are_panels_1_and_2() -> None:
     vertices, triangles, _ = arc(columns=4, rows=4)
     group = np.repeat([0, 1, 2, 1], 8).astype(np.int32)
@@ -100,6 +120,12 @@ def test_without_groups_the_texture_cuts_the_panels_the_largest_first() -> None:
     panels = split_panels(mesh_of(triangles, vertices, corner_uv=corner_uv))
     assert [name for name, _ in panels] == ["piece 1", "piece 2"]
     assert sorted(panels[1][1]) == np.flatnonzero(right).tolist()
+
+
+def test_a_texture_of_very_many_pieces_does_not_cut() -> None:
+    vertices, triangles, flat = arc(columns=6, rows=4)
+    scattered = flat[triangles] + np.arange(len(triangles))[:, None, None]
+    assert len(split_panels(mesh_of(triangles, vertices, corner_uv=scattered))) == 1
 
 
 def test_a_back_drawn_on_top_of_its_front_is_a_panel_of_its_own() -> None:

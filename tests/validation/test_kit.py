@@ -17,6 +17,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.validation.kit import (
+    KitError,
     dictionary_codes,
     grid_kit,
     printed_cloth,
@@ -27,6 +28,20 @@ from flatcloth.validation.kit import (
 from flatcloth.validation.markers import found_markers
 
 PX_PER_MM = 8.0
+
+
+@pytest.mark.parametrize(
+    ("size_m", "cell_m", "sides", "fit"),
+    [
+        ((1.2, 0.8), 0.03, 2, 1950),
+        ((0.04, 0.8), 0.03, 1, 0),
+        ((5.1, 0.8), 0.18, 1, 112),
+        ((4.0, 4.0), 0.2, 1, 361),
+    ],
+)
+def test_what_cannot_be_printed_is_refused_with_what_can(size_m, cell_m, sides, fit):
+    with pytest.raises(KitError, match=rf"^{fit} cells fit\. Choose 6 to 1000: --size up to 5 m, --cell"):
+        grid_kit(size_m, cell_m, sides)
 
 
 @pytest.mark.parametrize(

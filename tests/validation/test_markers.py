@@ -82,6 +82,13 @@ def test_markers_give_the_place_of_the_pixels_between_them():
     assert off_mm[known].max() < 1.5
 
 
+def test_nothing_is_found_of_another_kit_or_of_mirrored_cloth():
+    kit = grid_kit((0.48, 0.48), 0.03, 1)
+    image = on_cylinder(kit)
+    other = replace(kit, {i + 300: c for i, c in kit.corners_m.items()}, dict.fromkeys(range(300, 525), 1))
+    assert not found_markers(image, other) | found_markers(image[:, ::-1].copy(), kit)
+
+
 def replace(kit: Kit, corners_m: dict[int, np.ndarray], sheet: dict[int, int], **changed: Any) -> Kit:
     """Return a kit with other places."""
     markers = [marker_at(i, sheet[i], corners) for i, corners in corners_m.items()]

@@ -8,15 +8,17 @@ from typing import cast
 
 import numpy as np
 import pytest
-from scenes import AXIS, aligned_by_z_angle, views
+from scenes import AXIS, aligned_by_z_angle, sheet, views
 
 from flatcloth.core.config import Config
+from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.answers import Alignment, AlignmentScore
 from flatcloth.methods.base import Views
 from flatcloth.methods.paper.alignment import not_worse_than_start
 from flatcloth.methods.paper.departures import Aligned
 from flatcloth.methods.paper.matching import Matcher
+from flatcloth.methods.paper.merging import without
 from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.session.document import PlacedPart
 
@@ -77,3 +79,37 @@ def test_cloth_of_another_z_angle_is_other_cloth_though_texture_height_and_place
     assert doubted.parts["height_agreement"] == score.parts["height_agreement"]
     assert doubted.parts["intensity_agreement"] == score.parts["intensity_agreement"]
     assert doubted.total < LEAST < score.total
+
+
+def test_the_places_are_asked_where_the_lines_fail_or_are_refused():
+    method = PaperMethod(cast("Views", SimpleNamespace(config=Config())), (0.0, 10.0))
+
+    def at(theta_rad: float, score: float):
+        total = AlignmentScore(score, {})
+        return lambda: found_at(Rigid2(theta_rad), total, AlignmentScore(0.0, {}))
+
+    def failing():
+        raise AlignmentError("No line.")
+
+    def never():
+        raise AssertionError("the lines suffice")
+
+    assert method.first_accepted(at(0.1, 0.7), never).current_from_new.theta_rad == 0.1
+    assert method.first_accepted(at(0.1, 0.5), at(0.2, 0.7)).current_from_new.theta_rad == 0.2
+    assert method.first_accepted(at(0.1, 0.5), at(0.2, 0.3)).current_from_new.theta_rad == 0.1
+    assert method.first_accepted(failing, at(0.2, 0.3)).current_from_new.theta_rad == 0.2
+    assert method.first_accepted(at(0.1, 0.5), failing).current_from_new.theta_rad == 0.1
+    with pytest.raises(AlignmentError, match="No line"):
+        method.first_accepted(failing, failing)
+
+
+def test_a_component_may_lie_on_cloth_that_its_own_view_does_not_show():
+    shape, shown = sheet(0, 0, 40, 5.0), sheet(1, 0, 15, 5.0)
+    layers = (PlacedPart(0, 0, Rigid2()), PlacedPart(1, 0, Rigid2()))
+    free = without(shape, layers, lambda view, _component: (shape, shown)[view], 1)
+    assert free.valid[10].tolist() == [False] * 15 + [True] * 25
+    assert (
+        without(shape, layers, lambda view, _component: (shape, shown)[view], 2).valid.sum()
+        == shape.valid.sum()
+    )
+    assert shape.valid.all()

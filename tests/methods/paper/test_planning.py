@@ -14,6 +14,7 @@ from flatcloth.methods.paper.planning import (
     column_curves,
     overlap_column,
     plan_side,
+    rotation_step_deg,
 )
 from flatcloth.session.document import Side
 
@@ -73,6 +74,12 @@ def test_overlap_column_is_where_the_area_from_the_side_exceeds_s0(side: Side) -
     assert a_0 == pytest.approx(curves.column_mean_z_angle_deg[index])
 
 
+def test_overlap_column_of_a_view_smaller_than_s0_is_its_far_end() -> None:
+    curves = linear_curves(-49, 49)
+    assert overlap_column(curves, Side.LEFT, 10.0)[1] == pytest.approx(49)
+    assert overlap_column(curves, Side.RIGHT, 10.0)[1] == pytest.approx(-49)
+
+
 @pytest.mark.parametrize(
     ("low", "high", "side", "expected"),
     [
@@ -94,6 +101,15 @@ def test_rotation_is_the_limit_less_a0_held_to_10_and_50(
     turn = sign * ANGLES[plan.view_index] % 360
     assert turn == pytest.approx(np.floor(plan.rotation_deg / 10 + 0.4) * 10)
     assert abs(turn - expected) <= 10
+
+
+def test_left_turns_positive_and_right_negative() -> None:
+    curves = linear_curves(-49, 49)
+    left = plan_side(Side.LEFT, curves, 1.0, 5, ANGLES, frozenset({5}), 0.0, CONFIG)
+    right = plan_side(Side.RIGHT, curves, 1.0, 5, ANGLES, frozenset({5}), 0.0, CONFIG)
+    assert left.view_index is not None
+    assert right.view_index is not None
+    assert ANGLES[left.view_index] > 50 > ANGLES[right.view_index]
 
 
 def test_unavailable_views_are_passed_over_and_in_the_end_the_side_is_done() -> None:
@@ -129,6 +145,13 @@ def test_the_side_of_the_last_view_goes_on_else_the_longer_edge() -> None:
     ]
     assert choose(sides, None).side is Side.RIGHT
     assert choose(sides, Side.LEFT).side is Side.LEFT
+
+
+def test_irregular_angles_are_taken_as_they_are() -> None:
+    angles = (0.0, 8.8, 18.0, 29.6, 40.6, 51.7)
+    assert rotation_step_deg(angles[:5]) == pytest.approx(10.0, abs=1.7)
+    plan = plan_side(Side.LEFT, linear_curves(-49, -20), 1.0, 0, angles, frozenset({0}), 0.0, CONFIG)
+    assert plan.view_index == 5
 
 
 def test_a_cylinder_has_an_occluding_edge_on_both_sides_and_a_plane_none() -> None:

@@ -28,6 +28,13 @@ def test_two_sets_that_contradict_each_other_are_both_true_only_over_a_false_joi
     assert found.false[0, 1] == pytest.approx((both + joint * (total - both)) / total)
 
 
+def test_a_doubtful_joint_is_cut_for_two_sure_sets() -> None:
+    found = configured([odds(0.99), odds(0.98)], {(0, 1): 0.4})
+    assert found.true.all()
+    assert found.needs == {(0, 1)}
+    assert found.false[0, 1] > 0.9
+
+
 def test_a_set_that_agrees_with_a_true_one_needs_no_joint() -> None:
     """The third contradicts the first, but lies as the second, which has its joint already."""
     found = configured([3.0, 2.0, 1.0], {(0, 1): 0.4, (0, 2): 0.01})

@@ -45,6 +45,13 @@ def test_the_overlap_is_the_cloth_that_both_views_see_well(shape: Shape) -> None
     assert found[18].overlap_m2 == 0.0
 
 
+def test_left_and_right_are_alike_for_a_round_item(shape: Shape) -> None:
+    found = rated(shape)
+    for view in (1, 3, 6):
+        assert found[view].overlap_m2 == pytest.approx(found[36 - view].overlap_m2, rel=0.05)
+        assert found[view].new_m2 == pytest.approx(found[36 - view].new_m2, rel=0.1)
+
+
 def test_the_best_view_turns_the_rim_to_the_camera_and_keeps_an_overlap(shape: Shape) -> None:
     best, *_ = rate_candidates(shape, AXIS, ANGLES, range(1, 36), {0}, 0.03)
     turn = abs((ANGLES[best.view_index] + 180.0) % 360.0 - 180.0)

@@ -85,3 +85,18 @@ def test_refinement_comes_back_to_the_right_place_from_anywhere(
     found = refined(cloth_pairs(sheet, replace(component, uv_m=uv)), start)
     moved = found.apply(component.uv_m) - component.uv_m
     assert np.linalg.norm(moved, axis=1).max() < 1e-3
+
+
+def test_the_nodes_that_a_component_shows_are_paired_with_their_places(
+    sheet: Shape, component: SampledComponent
+) -> None:
+    motion = Rigid2(0.4, 0.05, -0.02)
+    some = component.node[:20]
+    own = motion.inverse().apply(np.concatenate([sheet.uv_m[some], [[0.3, 0.3]]]))
+    shown = SampledComponent(
+        uv_m=own, xyz_m=np.zeros((21, 3)), node=np.append(some, -1).astype(np.int32), area_m2=0.01
+    )
+    found = cloth_pairs(sheet, shown)
+    assert found is not None
+    assert len(found.shape_uv_m) == 20
+    np.testing.assert_allclose(motion.apply(found.new_uv_m), found.shape_uv_m, atol=1e-12)

@@ -53,6 +53,13 @@ def test_cloth_that_lies_on_other_cloth_and_faces_the_same_way_has_no_seam_with_
     assert a.size == b.size == 0
 
 
+def test_a_side_without_cloth_meets_nothing() -> None:
+    view = raster(THIS, UV, is_other=False)
+    empty = replace(view, valid=np.zeros_like(view.valid))
+    a, _ = meeting(rim_of([view]), rim_of([empty]))
+    assert a.size == 0
+
+
 def test_both_sides_lie_on_each_other_wherever_the_other_one_lay_before() -> None:
     shift = np.array([0.7, -0.2])
     moved = replace(OTHER, all_uv_m=OTHER.all_uv_m + shift)
@@ -122,6 +129,18 @@ def test_places_of_another_rim_hardly_turn_a_seam() -> None:
     found = motion_onto(seam, seen)
     assert np.abs(found.apply(seam) - motion.apply(seam)).max() < 0.001
     assert np.abs(fit_rigid2(seam, seen).apply(seam) - motion.apply(seam)).max() > 0.004
+
+
+def test_few_places_join_nothing_and_the_other_side_keeps_its_largest_piece() -> None:
+    small = UV[:, 0] < 4 * STEP_M
+    small &= UV[:, 1] < 4 * STEP_M
+    found = joined(THIS, side(small, is_other=True), other_at=UV[small])
+    assert not found.is_related
+    assert (found.shape.piece == 0).any()
+    assert np.isnan(found.shape.std_m).all()  # nothing says where it lies
+    for seam in seams(found):
+        assert seam.probability < 0.5
+        assert "too few" in seam.why
 
 
 def decision(seam: Seam, *, kept: bool) -> DecidedSeam:

@@ -210,6 +210,23 @@ def test_the_page_is_told_which_piece_a_view_would_join_where_it_is_moved(torn: 
     assert robust(torn).joined_piece(replace(free, pending=unmoved)) is None
 
 
+def test_the_order_of_other_views_changes_nothing_about_what_was_laid_by_hand(torn: Integration) -> None:
+    shapes = robust(torn).shapes
+    one = by_hand(torn, with_all(1, 2), 1, LAID_M)
+    other = replace(one, accepted=one.accepted[::-1])
+    first = shapes.of(one)
+    again = robust(Integration(Torn(angles_deg=ANGLES, span_deg=(-80.0, 80.0)))).shapes.of(other)
+    np.testing.assert_array_equal(again.all_uv_m, first.all_uv_m)
+    np.testing.assert_array_equal(again.std_m, first.std_m)
+
+
+def test_undoing_what_was_laid_by_hand_lets_it_float_again(torn: Integration) -> None:
+    free = with_all(1, 2)
+    before = robust(torn).shapes.of(free)
+    robust(torn).shapes.of(by_hand(torn, free, 1, LAID_M))
+    assert robust(torn).shapes.of(free) is before
+
+
 UV = grid(10, 24)
 EVERYTHING = np.ones(len(UV), dtype=bool)
 
@@ -238,3 +255,19 @@ def test_a_view_that_takes_cloth_for_other_cloth_is_named(share: float, *, is_na
     found = method_of(shape_of(UV, views_of_the_sheet(share))).contradicting(Document())
     assert set(found) == ({6} if is_named else set())
     assert all(MOST_CONTRADICTION < value <= 1.0 for value in found.values())
+
+
+def test_the_share_is_that_of_the_pairs_that_others_contradict() -> None:
+    shape = shape_of(UV, views_of_the_sheet(0.1))
+    seen = shape.observations[2]
+    lengths = np.linalg.norm(np.diff(UV[seen.node[seen.edges]], axis=1)[:, 0], axis=1)
+    wrong = np.abs(lengths - seen.edge_length_m) > 0.03
+    assert shape.contradictions == pytest.approx({4: 0.0, 5: 0.0, 6: wrong.mean()}, abs=0.02)
+    assert off_m(shape.uv_m, UV) < 1e-4
+
+
+def test_cloth_that_no_view_joins_to_the_rest_contradicts_nothing() -> None:
+    views = [observed(UV, UV[:, 0] < 0.08, 4), observed(UV, UV[:, 0] > 0.1, 5)]
+    shape = shape_of(UV, views)
+    assert set(shape.piece) >= {0, 1}
+    assert method_of(shape).contradicting(Document()) == {}
