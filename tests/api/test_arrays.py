@@ -69,6 +69,23 @@ def test_depth_without_a_measurement_is_zero() -> None:
     assert found[0, :4].tolist() == [0.0, 0.0, 0.0, np.float32(0.85)]
 
 
+def test_axis_held_point_and_masks_may_be_missing() -> None:
+    recording = flatcloth.recording_from_arrays(**arrays(masks=None, rotation_axis=None, held_point_m=None))
+    assert not recording.has_masks
+    assert recording[0].mask is None
+    assert recording.rotation_axis is None
+    assert recording.held_point_m is None
+
+
+def test_masks_may_be_images_and_the_axis_two_vectors() -> None:
+    given = arrays(masks=arrays()["masks"] * np.uint8(255), rotation_axis=((0, 0, 0.85), (0, -1.0004, 0)))
+    recording = flatcloth.recording_from_arrays(**given)
+    assert recording[0].mask is not None
+    assert np.array_equal(recording[0].mask, arrays()["masks"][0])
+    assert recording.rotation_axis is not None
+    assert recording.rotation_axis.direction.tolist() == [0.0, -1.0, 0.0]
+
+
 def test_a_recording_of_arrays_can_be_written_and_opened(tmp_path: Path) -> None:
     recording = flatcloth.recording_from_arrays(**arrays())
     assert flatcloth.copy_recording(recording, tmp_path / "kept") == 2

@@ -59,6 +59,13 @@ def test_the_arrays_of_a_shape_fit_together(shape: flatcloth.Shape) -> None:
     assert shape.axis.direction.tolist() == [0.0, -1.0, 0.0]
 
 
+def test_a_shape_tells_what_was_decided_and_how_long_it_took(shape: flatcloth.Shape) -> None:
+    assert {d.view_index for d in shape.decisions if d.accepted} == {0, 2}
+    assert set(shape.seconds) == {"opening", "integrating", "garment"}
+    assert shape.report["start_view"] == 1
+    assert str(shape).startswith("cylinder: 3 views integrated (0, 1, 2), ")
+
+
 def test_the_grasp_of_a_pixel_lies_on_its_point(shape: flatcloth.Shape) -> None:
     row, col = np.argwhere(shape.valid)[len(np.argwhere(shape.valid)) // 2]
     pose = shape.grasp(row, col, opening_m=0.06)
@@ -91,6 +98,11 @@ def test_points_and_grasps_of_a_garment_lie_on_its_cloth(shape: flatcloth.Shape)
         )
     with pytest.raises(flatcloth.GarmentError, match="tail: no named point of this garment that was seen"):
         shape.grasp_point("tail")
+
+
+def test_one_view_is_no_garment() -> None:
+    with pytest.raises(flatcloth.GarmentError, match="one view"):
+        flatcloth.integrate(Cylinder()).garment()  # type: ignore[arg-type]  # any class with its members
 
 
 def test_both_methods_are_offered_and_others_refused() -> None:
@@ -147,6 +159,12 @@ def test_a_session_is_kept_continued_and_opened_again(tmp_path: Path) -> None:
     with pytest.raises(flatcloth.RecordingError, match="present location"):
         flatcloth.open_session(tmp_path / "session")
     assert flatcloth.open_session(tmp_path / "session", recording=tmp_path / "moved").views == whole.views
+
+
+def test_a_session_is_continued_with_its_own_settings(tmp_path: Path) -> None:
+    config = flatcloth.Config.from_dict({"flattening": {"pixel_size_m": 0.004}})
+    flatcloth.integrate(cylinder(), config=config, session=tmp_path)
+    assert flatcloth.integrate(cylinder(), session=tmp_path).pixel_size_m == 0.004
 
 
 def test_the_files_are_those_of_run_and_can_be_read(shape: flatcloth.Shape, tmp_path: Path) -> None:

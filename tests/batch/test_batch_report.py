@@ -23,7 +23,7 @@ from exported_sessions import write_cylinder
 from full_disks import fill_disk
 from route_client import RouteClient
 
-from flatcloth.batch.report import command_of, decide, read_verdicts, report_html, write_report
+from flatcloth.batch.report import command_of, decide, read_verdicts, reliability, report_html, write_report
 from flatcloth.batch.rows import FORMAT, write_row
 from flatcloth.cli import main
 from flatcloth.core.errors import JournalError
@@ -74,6 +74,13 @@ def test_the_page_needs_nothing_else_and_no_text_ends_its_elements(out: Path) ->
     assert re.search(r'(src|href)="(?!data:|#)', html) is None
     assert "default-src 'none'" in html
     assert "import {" not in html
+
+
+def test_reliability_is_the_share_of_what_was_seen_that_is_placed_and_joined() -> None:
+    row = {"reliable_share": 0.8, "coverage_estimate": 0.5, "area_cm2": 300.0, "floating_cm2": 100.0}
+    assert reliability(row) == pytest.approx(0.8 * 0.5 * 0.75)
+    assert reliability({**row, "reliable_share": None, "least_score": 0.4}) == pytest.approx(0.15)
+    assert reliability({}) == 0.0
 
 
 def test_a_session_that_was_edited_since_is_marked(out: Path) -> None:
@@ -281,3 +288,17 @@ def test_a_review_that_is_terminated_ends_its_session_pages(out: Path, tmp_path:
         review.wait(timeout=60)
         review.stdout.close()
     assert not page.is_running()
+
+
+def test_a_session_that_does_not_open_is_told() -> None:
+    pages = SessionPages()
+    from flatcloth.core.errors import FlatclothError
+
+    with pytest.raises(FlatclothError, match="no such file or folder"):
+        pages.address("x", ["/nowhere/at/all"])
+    pages.close()
+
+
+def test_the_report_command_writes_the_page(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["batch", str(out), "--report"]) == 0
+    assert str(out / "report.html") in capsys.readouterr().out

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 from tiny_recordings import write_recording
 
+from flatcloth.batch.jobs import garment_columns
 from flatcloth.batch.rows import DONE, write_row
 from flatcloth.batch.tasks import Task, content_signature, quick_signature, slug, tasks_of
 from flatcloth.core.errors import FlatclothError
@@ -36,6 +38,12 @@ def test_folders_patterns_and_recordings_give_tasks_in_order(data: Path) -> None
     assert names(data / "b", data / "a", data) == ["b", "a", "c-d"]  # none twice
     assert tasks(data / "a")[0].source == str((data / "a").resolve())
     assert names("shirt-corner-d435") == ["shirt-corner-d435"]
+
+
+def test_what_is_no_recording_is_told(data: Path, tmp_path: Path) -> None:
+    for source, cause in ((tmp_path / "nowhere", "no such file"), (f"{data}/x*", "nothing matches")):
+        with pytest.raises(FlatclothError, match=cause):
+            tasks(source)
 
 
 def test_a_csv_manifest_has_options_as_columns(data: Path) -> None:
@@ -114,3 +122,31 @@ def test_a_task_is_the_same_by_content_options_and_settings(data: Path) -> None:
     assert content_signature(Task(source=task.source, name="a", method="paper"), settings) != content
     image.write_bytes(image.read_bytes() + b"x")
     assert content_signature(task, settings) != content
+
+
+def test_the_content_of_a_file_that_an_option_names_counts(data: Path, tmp_path: Path) -> None:
+    camera = tmp_path / "camera.json"
+    camera.write_text("1")
+    (task,) = tasks(data / "a", camera_file=camera)
+    before = content_signature(task, {})
+    camera.write_text("2")
+    assert content_signature(task, {}) != before
+
+
+def test_a_moved_data_set_is_the_same_content(data: Path, tmp_path: Path) -> None:
+    shutil.copytree(data / "a", tmp_path / "copy")
+    (here,), (there,) = tasks(data / "a"), tasks(tmp_path / "copy")
+    assert content_signature(here, {}) == content_signature(there, {})
+
+
+def test_kind_probability_and_dimensions_are_told() -> None:
+    sizes = {"chest_width": {"value": 512, "std": 6}}
+    document = {
+        "kind": "tshirt", "probabilities": {"tshirt": 0.97, "none": 0.03}, "dimensions_mm": sizes,
+    }  # fmt: skip
+    found = garment_columns(document)
+    assert found["garment"] == "tshirt"
+    assert found["garment_probability"] == 0.97
+    assert json.loads(found["dimensions_mm"]) == sizes
+    none = garment_columns({**document, "kind": None, "probabilities": {"none": 0.8, "towel": 0.2}})
+    assert (none["garment"], none["garment_probability"]) == ("none of these", 0.8)

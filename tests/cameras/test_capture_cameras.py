@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from realsense_files import HEIGHT, WALL_M, WIDTH, turning, write_realsense
-from scenes import CAMERA, frame
+from scenes import CAMERA, Cylinder, frame
 
 from flatcloth.cameras import CameraEndedError, CameraError, open_camera, realsense
 from flatcloth.cameras.checks import check_frame
@@ -41,6 +41,39 @@ def test_a_file_plays_in_the_place_of_a_camera(file: Path) -> None:
     camera.close()
     with pytest.raises(CameraEndedError):
         camera.read()
+
+
+def test_every_frame_comes_if_nobody_waits_for_the_clock(file: Path) -> None:
+    camera = PlaybackCamera(file, real_time=False)
+    for _ in range(15):
+        camera.read()
+    with pytest.raises(CameraEndedError, match=r"still\.db3: has been played to its end"):
+        camera.read()
+    camera.close()
+
+
+def test_a_frame_is_filtered_while_it_is_measured(file: Path) -> None:
+    true, _ = Cylinder(angles_deg=(0.0,)).surface(0)
+    inner = np.isfinite(true) & (np.abs(np.arange(WIDTH) - 120) < 40)[None, :]
+    noise = {}
+    for on in (False, True):
+        camera = PlaybackCamera(file, real_time=False)
+        camera.read()
+        camera.measure(on)
+        for _ in range(4):
+            seen = camera.read()
+        values = seen.depth_units[inner & (seen.depth_units < 1200)]
+        noise[on] = float(np.std(values - 1000 * true[inner & (seen.depth_units < 1200)]))
+        camera.close()
+    assert noise[True] < 0.8 * noise[False]
+
+
+def test_a_slow_reader_misses_frames_instead_of_lagging_behind(file: Path) -> None:
+    camera = PlaybackCamera(file)
+    first = camera.read()
+    time.sleep(0.4)
+    assert camera.read().time_s - first.time_s > 0.3
+    camera.close()
 
 
 # --- the real one ----------------------------------------------------------------------------------

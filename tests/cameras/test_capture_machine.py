@@ -66,6 +66,17 @@ def test_frames_are_taken_only_after_it_has_hung_still_for_a_while() -> None:
     assert state.taken in (3, 4)
 
 
+def test_who_turns_before_keeping_need_not_turn_again() -> None:
+    state = seen(reviewed(capture.begin(10.0)), TURNED)
+    state = capture.keep(state)
+    assert (state.phase, state.target_deg) == (Phase.SETTLE, 10.0)
+
+
+def test_swinging_during_a_view_is_no_turn_for_the_next_one() -> None:
+    state = seen(capture.begin(10.0), TURNED)
+    assert capture.keep(reviewed(state)).phase is Phase.TURN
+
+
 def test_a_turn_that_was_not_seen_can_be_told() -> None:
     state = capture.keep(reviewed(capture.begin(10.0)))
     assert capture.turned(state).phase is Phase.SETTLE
@@ -221,3 +232,18 @@ def test_a_view_that_cannot_be_written_still_waits(tmp_path: Path, monkeypatch: 
     monkeypatch.undo()
     rig.guided.keep()
     assert len(open_recording(tmp_path)) == 1
+
+
+def test_a_repeated_view_has_its_own_frames_only(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.see(30)
+    rig.guided.do(capture.repeat)
+    rig.see(10, speed_deg_s=20.0)  # it was not where it should be
+    rig.see(30)
+    taken = rig.guided.taken
+    assert taken is not None
+    assert taken.frames == 10
+    true, _ = Cylinder(angles_deg=(20.0,)).surface(0)
+    cloth = np.isfinite(true) & (taken.depth_m < 1.2)
+    expected = Cylinder(angles_deg=(20.0,))[0].color.astype(int)
+    assert np.median(np.abs(taken.color.astype(int) - expected)[cloth]) < 3

@@ -142,6 +142,23 @@ def test_without_a_terminal_it_must_be_told_to_keep_everything(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("at_once")
+def test_ctrl_c_leaves_what_was_kept(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keep = GuidedCapture.keep
+
+    def interrupted(self: GuidedCapture) -> None:
+        keep(self)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(GuidedCapture, "keep", interrupted)
+    out = tmp_path / "out"
+    assert main(["record", "--out", str(out), "--camera", str(file), "--yes"]) == 0
+    assert "1 view is in" in capsys.readouterr().out
+    assert len(open_recording(out)) == 1
+
+
 def test_what_is_typed_is_read_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     import os
 

@@ -86,6 +86,11 @@ def test_a_mistake_is_named_stops_a_run_and_is_mended(right, mistake, name):
         check.refuse(wrong.location)
 
 
+def test_a_focal_length_is_mended_to_a_percent(right):
+    (found,) = check_recording(mended(right, Mends(focal_factor=0.75))).findings
+    assert found.mends[0].focal_factor * 0.75 == pytest.approx(1.0, abs=0.01)
+
+
 def test_views_in_a_random_order_are_put_in_order_again(right):
     angles = np.random.default_rng(1).permutation(right.angles_deg)
     wrong = mended(right, Mends(view_angles=tuple(enumerate(map(float, angles)))))
@@ -102,6 +107,11 @@ def test_an_item_that_does_not_turn_is_named_and_nothing_mends_it(right):
     assert found.name == "still"
     assert found.mends == ()
     assert "Record it again" in found.line
+
+
+def test_a_recording_of_one_view_has_nothing_to_be_compared(right):
+    alone = altered(right, angles_deg=right.angles_deg[:1])
+    assert check_recording(alone).unjudged == "fewer than two views show a surface of the item"
 
 
 @pytest.mark.parametrize("views", [5, 6, 9])

@@ -40,6 +40,12 @@ def _registered(views=10, turned_deg=0.0, swung_deg=0.0, beside_m=0.0):
     return replace(begun, features=(None,) * views, own=own, common=np.array([beside_m, 0.0, 0.0, 0.0, 0.0]))
 
 
+def test_corrections_of_careless_recordings_are_no_doubt():
+    careless = _registered(turned_deg=4.5, swung_deg=2.5, beside_m=0.018)
+    assert wrong_with(None, careless, 0.3) == []
+    assert not is_hopeless(None, careless)
+
+
 @pytest.mark.parametrize(
     ("corrections", "word"),
     [({"turned_deg": -8.1}, "turns"), ({"swung_deg": 6.0}, "swings"), ({"beside_m": 0.03}, "axis")],
@@ -71,6 +77,14 @@ def _compared(views, off_m):
 
 _OFF_ONE = {(2, 4): 0.02, (3, 4): 0.02, (4, 5): 0.02, (4, 6): 0.02}
 _OFF_TWO = {(0, 2): 0.02, (1, 2): 0.02, (2, 3): 0.02}
+
+
+def test_surprise_counts_in_stated_deviations_and_by_what_an_item_bends():
+    registered = _compared(8, {(2, 3): 0.003})
+    surprise = 9.0 / (1.0 + 0.1**2)  # 3 mm, with deviations of 1 and 0.1 mm
+    assert registered.surprises == pytest.approx(
+        [surprise if (p.first, p.second) == (2, 3) else 0.0 for p in registered.pairs], abs=1e-6
+    )
 
 
 def test_what_a_swaying_item_bends_is_no_contradiction_however_exact_the_sensor_is():
@@ -107,6 +121,11 @@ def test_a_run_ends_once_two_views_contradict_or_one_of_a_doubted_recording():
     doubted = Check(findings=(Finding(name="rotated", text="It hangs upside down", probability=0.9),))
     assert [is_hopeless(Check(), found) for found in (one, two)] == [False, True]
     assert is_hopeless(doubted, one)
+
+
+def test_cloth_most_of_which_floats_is():
+    assert "floats" in wrong_with(None, _registered(), 0.8)[0]
+    assert not is_hopeless(None, _registered())
 
 
 def service_of(found, monkeypatch, wrong=(), focal_factor=1.0):
@@ -181,6 +200,18 @@ def test_a_finished_run_says_that_it_may_be_none_of_the_kinds(monkeypatch):
     service = service_of(recognition(shares), monkeypatch)
     assert len(lines_of(service.of(Document()))) == 2
     assert "nothing is called reliable" in lines_of(service.of(Document(finished="All views.")))[1]
+
+
+def test_no_garment_is_tried_on_an_unattended_result_that_is_wrong(monkeypatch):
+    integration = SimpleNamespace(
+        is_unattended=True,
+        laid_out=lambda _: SimpleNamespace(),
+        wrong=lambda _: ["88% of the cloth floats"],
+    )
+    service = GarmentService(integration)
+    monkeypatch.setattr(service, "_recognised", lambda *_: pytest.fail("a garment is fitted"))
+    with pytest.raises(GarmentError, match="No garment is recognised"):
+        service.of(Document())
 
 
 def test_a_result_of_a_wrong_recording_calls_nothing_reliable():

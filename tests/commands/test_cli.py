@@ -12,6 +12,7 @@ import pytest
 from exported_sessions import write_cylinder
 from tiny_recordings import few_views
 
+from flatcloth import __version__
 from flatcloth.cli import main
 from flatcloth.export.data import read_shape
 from flatcloth.methods.registry import method_names
@@ -207,6 +208,28 @@ def test_every_command_tells_its_options_and_examples(
     assert f"usage: flatcloth {command}" in told
     assert "examples:\n  flatcloth" in told
     assert f"flatcloth {command}" in told
+
+
+def test_the_help_names_every_command_and_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    for option, wanted in (("--help", [f"\n    {name} " for name in COMMANDS]), ("--version", [__version__])):
+        with pytest.raises(SystemExit):
+            main([option])
+        told = capsys.readouterr().out
+        assert all(text in told for text in wanted)
+
+
+def test_at_its_end_nothing_waits_for_threads_or_takes_apart_what_was_loaded() -> None:
+    script = (
+        "import atexit, threading, flatcloth.cli as cli\n"
+        "class Loaded:\n"
+        "    def __del__(self): print('apart', flush=True)\n"
+        "loaded = Loaded()\n"
+        "atexit.register(lambda: print('ended'))\n"
+        "threading.Thread(target=threading.Event().wait, daemon=True).start()\n"
+        "cli.main = lambda: 3\ncli.run_and_exit()"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (3, "ended\n")
 
 
 def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> None:

@@ -8,15 +8,17 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from sheet_runs import STEPS, done, integration, shared
+from viewer_fakes import cylinder_view
 
 from flatcloth.core.errors import AlignmentError
-from flatcloth.core.types import Rigid2
+from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import outcome_of
+from flatcloth.engine.placing import laid_beside
 from flatcloth.engine.sheet import lay_out, place_of_piece
 from flatcloth.methods.registry import method_names
-from flatcloth.session.document import Document
+from flatcloth.session.document import Document, Side
 from flatcloth.session.machine import (
     Accept,
     MemorySession,
@@ -224,3 +226,44 @@ def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_p
     assert set(np.unique(joined.view.view_index[joined.view.valid])) == {0, 1, 2, 3}
     whole_m2 = apart.view.area_m2 + piece.view.area_m2
     assert whole_m2 - 0.04 * 0.25 < joined.view.area_m2 < whole_m2
+
+
+def test_a_piece_that_outgrows_the_shape_becomes_the_shape() -> None:
+    made = integration("robust", angles_deg=(0.0, 150.0, 170.0, 190.0), span_deg=(-180.0, 180.0))
+    state = three_accepted(made)
+    shape = made.canonical(state.document)
+    assert set(np.unique(shape.view.view_index[shape.view.valid])) == {1, 2, 3}
+    assert shape.view.placement_std_m is not None
+    assert np.isfinite(shape.view.placement_std_m[shape.view.valid]).mean() > 0.9
+
+
+@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
+def test_a_component_is_laid_on_its_side_of_the_shape_at_its_height_without_touching_it(side: Side) -> None:
+    shape, part = sheet(rows=30, cols=20, origin_uv_m=(-0.1, 0.3)), sheet(12, 8, origin_uv_m=(0.5, -0.2))
+    motion = laid_beside(shape, {3: part}, side).alignment.current_from_new
+    assert motion.theta_rad == 0.0
+    shape_uv_m = shape.uv_from_rc(np.argwhere(shape.valid))
+    part_uv_m = motion.apply(part.uv_from_rc(np.argwhere(part.valid)))
+    own_m, moved_m = ([uv.min(axis=0), uv.max(axis=0)] for uv in (shape_uv_m, part_uv_m))
+    gap_m = own_m[0][0] - moved_m[1][0] if side is Side.LEFT else moved_m[0][0] - own_m[1][0]
+    assert gap_m == pytest.approx(0.02)
+    assert sum(moved_m)[1] == pytest.approx(sum(own_m)[1])  # the middles of their heights
+
+
+def sheet(rows: int, cols: int, origin_uv_m: tuple[float, float]) -> FlattenedView:
+    """A rectangle of cloth in a grid with an empty border of 5 pixels on the left."""
+    view = cylinder_view({0: 0.0})
+    valid = np.zeros((rows, cols + 5), dtype=np.bool_)
+    valid[:, 5:] = True
+    return replace(view, valid=valid, origin_uv_m=origin_uv_m)
+
+
+def test_the_growth_takes_shapes_as_they_were_extended() -> None:
+    made = shared("robust")
+    document = three_accepted(made).document
+    for order in range(len(document.accepted)):
+        earlier = replace(document, accepted=document.accepted[:order])
+        quick, exact = made.algorithm.earlier(earlier, document), made.canonical(earlier)
+        assert quick.view.area_m2 == pytest.approx(exact.view.area_m2, rel=0.01)
+        assert set(np.unique(quick.view.view_index)) == set(np.unique(exact.view.view_index))
+        assert len(quick.floating) == len(exact.floating)

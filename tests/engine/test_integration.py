@@ -11,7 +11,7 @@ from sheet_runs import integration as sheet_integration
 from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.errors import FlatclothError, FlatteningError
 from flatcloth.core.types import Rigid2, RotationAxis
-from flatcloth.engine.headless import Run
+from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
@@ -26,6 +26,7 @@ from flatcloth.session.machine import (
     Nudge,
     Phase,
     Propose,
+    Proposed,
     Reject,
     SessionState,
     Start,
@@ -38,6 +39,16 @@ integration = partial(sheet_integration, "paper")
 
 def started(made: Integration, view: int | None = None) -> SessionState:
     return done(made, SessionState(len(made.recording)), Start(view))
+
+
+def test_a_view_that_is_planned_has_its_reason_though_it_was_chosen_by_hand_before() -> None:
+    made = integration()
+    begun = started(made)
+    planned = made.plan(begun.document).view_index
+    by_hand = done(made, begun, Propose(planned))
+    assert made.proposal(by_hand.document).plan is None
+    proposed = done(made, begun, Propose())
+    assert made.proposal(proposed.document).plan.view_index == planned
 
 
 def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
@@ -84,6 +95,17 @@ def test_a_nudge_moves_the_overlay_which_is_made_once_for_each_place_and_lowers_
     assert apply(nudged, Accept(view)).document.accepted[-1].fixed
 
 
+def test_any_view_can_be_asked_for_by_hand() -> None:
+    made = shared("paper")
+    state = done(made, started(made, 0), Propose(2))
+    pending = state.document.pending
+    assert pending is not None
+    assert (pending.view_index, pending.side) == (2, Side.LEFT)
+    state = done(made, started(made, 0), Propose(17))
+    assert state.document.pending.side is Side.RIGHT  # type: ignore[union-attr]
+    assert made.proposal(state.document).plan is None
+
+
 def test_a_view_of_the_other_side_is_passed_over_with_its_reason() -> None:
     made = integration(span_deg=(-60.0, 60.0), angles_deg=(0.0, 160.0, 200.0))
     state = done(made, started(made, 0), Propose())
@@ -104,6 +126,19 @@ def test_unsure_refusals_lead_to_another_view_and_an_end() -> None:
     assert len(refused) == len(set(refused)) >= 2
     assert not state.document.accepted
     assert state.phase is Phase.FINISHED
+
+
+def test_the_policy_goes_by_the_score() -> None:
+    made = shared("paper")
+    state = done(made, started(made, 0), Propose())
+    assert isinstance(accept_by_score(made, state), Accept)
+    proposed = Proposed(99, 3, Rigid2(), Side.LEFT, 0.1)
+    low = apply(apply(started(made, 0), Propose()), proposed)
+    assert low.document.pending is None  # another token: ignored
+    request = apply(started(made, 0), Propose()).request
+    assert request is not None
+    low = apply(apply(started(made, 0), Propose()), Proposed(request.token, 3, Rigid2(), Side.LEFT, 0.1))
+    assert accept_by_score(made, low) == Reject(3, UNSURE)
 
 
 def test_without_masks_or_axis_the_notes_say_so() -> None:

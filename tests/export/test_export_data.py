@@ -114,3 +114,10 @@ def test_a_damaged_export_is_one_clear_line(tmp_path: Path, content: bytes) -> N
     path.write_bytes(content)
     with pytest.raises(FlatclothError, match=r"flattened\.npz: .*export it again"):
         read_shape(path)
+
+
+def test_another_format_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "flattened.npz"
+    np.savez(path, format=np.str_("flatcloth-flattened/9"))
+    with pytest.raises(FlatclothError, match="flatcloth-flattened/9"):
+        read_shape(path)

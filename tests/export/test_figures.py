@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import re
 import zipfile
@@ -15,18 +16,23 @@ from garment_evidence import blank_view
 from matplotlib.figure import Figure as Drawing
 from PIL import Image
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.garment import KnownGarment
 from flatcloth.export.by_name import made
-from flatcloth.export.figures import all_figures, garment
+from flatcloth.export.figures import all_figures, garment, maps, plan_of, side_of
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import Plan
-from flatcloth.rendering.drawing import drawn, painted, svg_of
-from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, laid_on
+from flatcloth.rendering.drawing import drawn, painted, show_picture, svg_of
+from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, PlanePicture, laid_on
 from flatcloth.session.document import Document
 
 SVG = "{http://www.w3.org/2000/svg}"
+
+
+def pixels(figure: Drawing) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(painted(figure))))[..., :3]
 
 
 def texts_of(figure: Drawing) -> list[str | None]:
@@ -34,6 +40,20 @@ def texts_of(figure: Drawing) -> list[str | None]:
 
 
 # --- drawings -------------------------------------------------------------------------------------
+
+
+def test_a_picture_is_painted_pixel_by_pixel_and_is_transparent_where_it_is() -> None:
+    rgba = np.zeros((2, 2, 4), dtype=np.uint8)
+    rgba[0, 0] = (10, 20, 30, 255)
+    drawing, (axes,) = drawn(20, 20, "")
+    show_picture(axes, PlanePicture(rgba=rgba, pixel_size_m=0.1, origin_uv_m=(0.0, 0.0)), most=0.5)
+    colors, count = np.unique(pixels(drawing).reshape(-1, 3), axis=0, return_counts=True)
+    assert (
+        count[(colors == (10, 20, 30)).all(axis=1)] == 20 * 20
+    )  # a quarter of the picture, two pixels a point
+    held = re.search(r'xlink:href="data:image/png;base64,([^"]+)"', svg_of(drawing, ""))
+    assert held is not None
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(base64.b64decode(held[1])))), rgba)
 
 
 def test_text_is_escaped_and_read_aloud_and_dollar_signs_are_no_formula() -> None:
@@ -124,6 +144,13 @@ def test_the_garment_is_drawn_with_its_outline_and_told_in_report_and_page(sessi
     assert set(known.found.points) <= set(texts_of(figure.drawing))
 
 
+def test_picks_are_marked_on_the_shape(session: OpenedSession) -> None:
+    (shape,) = maps(session, ("color",))
+    text = texts_of(shape.drawing)
+    assert {"1", "2"} <= set(text)
+    assert "3" not in text  # it does not lie on the shape
+
+
 def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedSession) -> None:
     class Otherwise:
         """The integration of the session, with plans that know no sides."""
@@ -141,3 +168,15 @@ def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedS
     text = report(other)
     assert "967 cm² new" in text
     assert "h(u) and A_z(u) of view 2" in text
+
+
+def test_a_shape_from_which_nothing_can_be_planned_any_more_has_no_plan(session: OpenedSession) -> None:
+    class Stuck:
+        axis = session.integration.axis
+
+        def plan(self, _document: Document) -> Plan:
+            raise FlatclothError("nothing to plan")
+
+    stuck = OpenedSession(session.history, Stuck())  # type: ignore[arg-type]
+    assert plan_of(stuck, session.history.decisions[2]) is None
+    assert side_of(None, session.history.decisions[2]) is None

@@ -16,13 +16,13 @@ from flatcloth.core.errors import JournalError, RecordingError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import at_step
-from flatcloth.export.growth import grow
+from flatcloth.export.growth import grow, key_of
 from flatcloth.export.report import _floating
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.garments.deciding import placed_piece
 from flatcloth.methods.answers import Canonical
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.garment import GarmentDecisions
+from flatcloth.session.garment import GarmentDecisions, PlacedPiece
 from flatcloth.session.kept import write_axis
 
 
@@ -38,6 +38,23 @@ def test_each_step_shows_what_the_shape_was(session: OpenedSession) -> None:
         assert growth.shown_after(step.order).sum() * pixel_m2 == pytest.approx(exact.area_m2, rel=0.02)
     assert (growth.shown_after(2) == growth.view.valid).all()
     assert sum(s.added_m2 for s in growth.steps) == pytest.approx(growth.view.area_m2)
+
+
+def test_source_steps_are_the_views_of_the_pixels(session: OpenedSession) -> None:
+    growth = session.growth
+    for step in growth.steps:
+        assert (growth.view.view_index[growth.source_step == step.order] == step.view_index).all()
+    assert (growth.source_step[~growth.view.valid] == -1).all()
+    assert (growth.first_step <= growth.source_step).all()
+
+
+def test_each_step_knows_the_decision_that_stands(session: OpenedSession) -> None:
+    start, first, second = session.growth.steps
+    assert start.decision is None
+    assert first.decision is not None
+    assert (first.decision.number, first.decision.verdict) == (2, "accepted")  # not the refusal before
+    assert second.decision is not None
+    assert second.decision.number == 3
 
 
 def drawn(session: OpenedSession, *shapes: Canonical) -> Integration:
@@ -131,3 +148,28 @@ def test_the_axis_that_the_session_keeps_is_used_and_left_alone(tmp_path: Path) 
     np.testing.assert_allclose(opened.data.frames.axis.point_m, own.point_m + np.array([0.004, 0.0, 0.0]))
     assert opened.growth.view.valid.any()
     assert {p.name: p.read_bytes() for p in made.history.folder.iterdir()} == before
+
+
+def test_poses_are_given_where_the_item_stands(session: OpenedSession) -> None:
+    last = session.integration.recording.angles_deg[session.growth.steps[-1].view_index]
+    assert session.data.frames.rotation_deg == last
+    assert session.data.frames.grips[1].opening_m == 0.06
+
+
+# --- what exports share ---------------------------------------------------------------------------
+
+
+def test_what_is_kept_is_that_of_the_axis_and_of_the_decisions(session: OpenedSession) -> None:
+    axis, document = session.integration.axis, session.history.document
+    moved = replace(axis, point_m=axis.point_m + 0.001)
+    piece = replace(document.garment, pieces=(cast("PlacedPiece", "a piece"),))
+    others = [
+        replace(document, accepted=document.accepted[:1]),
+        replace(document, accepted=document.accepted[::-1]),
+        replace(document, garment=piece),
+    ]
+    keys = {key_of(axis, document), key_of(moved, document), *(key_of(axis, other) for other in others)}
+    assert len(keys) == 5
+    # What happened after a shape does not change it.
+    later = replace(document, pending=None, finished="done")
+    assert key_of(axis, later) == key_of(axis, document)

@@ -158,6 +158,14 @@ def test_reading_neither_locks_nor_changes_a_session_that_is_open(place: Path) -
     folder.close()
 
 
+def test_a_session_without_a_journal_has_not_begun(place: Path) -> None:
+    opened(place).close()
+    (place / "journal.jsonl").unlink()
+    history = read_history(place)
+    assert history.document.start_view is None
+    assert history.decisions == ()
+
+
 def test_a_folder_that_is_no_session_is_one_clear_line(tmp_path: Path) -> None:
     with pytest.raises(JournalError, match=r"not a session folder.*--out or --session"):
         read_history(tmp_path / "nowhere")

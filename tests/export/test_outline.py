@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from viewer_fakes import cylinder_view
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.export.outline import drawing, outline, outline_text, signed_area
 
 SIZE_M = 0.002
@@ -29,6 +30,18 @@ def cloth(valid):
 def disc(radius_px, size=300):
     row, col = np.indices((size, size)) - (size - 1) / 2
     return np.hypot(row, col) <= radius_px
+
+
+def test_a_rectangle_is_as_large_as_its_pixels():
+    valid = np.zeros((60, 90), bool)
+    valid[10:50, 20:80] = True
+    (piece,) = outline(cloth(valid))
+    assert piece.area_m2 == pytest.approx(40 * 60 * SIZE_M**2, rel=0.002)
+    low, high = piece.outer.min(axis=0), piece.outer.max(axis=0)
+    np.testing.assert_allclose(low, [0.5 + 19.5 * SIZE_M, -0.25 + 9.5 * SIZE_M], atol=1e-9)
+    np.testing.assert_allclose(high, [0.5 + 79.5 * SIZE_M, -0.25 + 49.5 * SIZE_M], atol=1e-9)
+    assert len(piece.outer) <= 8
+    assert piece.holes == ()
 
 
 def test_a_discs_rim_is_as_long_and_as_round_as_it_should_be():
@@ -60,6 +73,17 @@ def test_pieces_come_by_size_each_with_its_own_holes():
     large, small = outline(cloth(valid))
     assert (len(large.holes), len(small.holes)) == (1, 0)
     assert large.area_m2 == pytest.approx((80 * 100 - 400) * SIZE_M**2, rel=0.01)
+
+
+def test_pixels_that_touch_by_a_corner_are_pieces_of_their_own():
+    valid = np.zeros((40, 40), bool)
+    valid[5:15, 5:15] = valid[15:25, 15:25] = True
+    assert len(outline(cloth(valid))) == 2
+
+
+def test_without_cloth_there_is_no_outline():
+    with pytest.raises(FlatclothError, match="no cloth with an outline"):
+        outline(cloth(np.zeros((20, 20))))
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -21,7 +21,7 @@ from flatcloth.garments.deciding import (
 )
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.recognition import Recognition, recognise
+from flatcloth.garments.recognition import NONE, Recognition, recognise
 from flatcloth.session.garment import GarmentDecisions
 
 Skirt = tuple[PieceEvidence, FlattenedView, Recognition]
@@ -109,3 +109,10 @@ def test_a_point_on_a_placed_piece_is_seen_there(skirt: Skirt) -> None:
     assert (seen.pixel, seen.piece) == ((20, 20), 0)
     others = with_placed_cloth(found, DecidedPieces(shape_from_piece={}, refused=frozenset()), (piece,))
     assert others.points[name].pixel is None
+
+
+def test_an_operator_may_say_that_an_item_is_none_of_the_known_kinds(skirt: Skirt) -> None:
+    evidence, view, found = skirt
+    changed = decided(found, [evidence], view, NONE)
+    assert (changed.kind, changed.by_hand) == (NONE, NONE)
+    assert changed.fits == found.fits

@@ -59,6 +59,16 @@ def test_the_result_says_how_sure_each_place_is(finished: tuple[Integration, Ses
     assert view.placement_std_m[near].mean() < view.placement_std_m[far].mean()
 
 
+def test_every_decision_of_the_run_is_told(finished: tuple[Integration, SessionState, Run]) -> None:
+    _, state, run = finished
+    accepted = [d.view_index for d in run.decisions if d.accepted]
+    assert accepted == [a.view_index for a in state.document.accepted]
+    assert not any(d.score < 0.5 for d in run.decisions if d.accepted)
+    assert all(d.reason for d in run.decisions if not d.accepted)
+    decided = {d.view_index for d in run.decisions}
+    assert decided | {state.document.start_view} == set(range(len(STEPS)))
+
+
 def test_a_proposal_tells_its_score_and_the_cameras() -> None:
     made = integration()
     state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -92,6 +93,13 @@ def test_a_field_of_view_makes_a_rough_camera_and_says_so(tmp_path: Path) -> Non
         open_recording(folder, SourceOptions(step_deg=10, fov_deg=(60, 45), camera_file=Path("a.json")))
     with pytest.raises(RecordingError, match="not a field of view"):
         open_recording(folder, SourceOptions(step_deg=10, fov_deg=(0, 200)))
+
+
+def test_options_survive_a_table(tmp_path: Path) -> None:
+    said = SourceOptions(angles=tmp_path / "a.csv", fov_deg=(60.0, 40.0), turning_deg=-90.0, sweep="back")
+    assert SourceOptions.from_dict(json.loads(json.dumps(said.to_dict())), "row 1") == said
+    row = {"fov_deg": "60, 40", "turning_deg": "-90", "sweep": "back", "angles": "a.csv", "step_deg": ""}
+    assert SourceOptions.from_dict(row, "row 1", base=tmp_path) == said
 
 
 @pytest.mark.parametrize(

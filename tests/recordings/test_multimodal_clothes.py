@@ -116,3 +116,13 @@ def test_the_areas_of_a_data_set_a_class_or_a_sample_are_found(area: Path, tmp_p
         (tmp_path, ()),
     ):
         assert recordings_below(place) == found
+
+
+def test_options_that_a_format_has_no_use_for_are_refused(tmp_path: Path) -> None:
+    from foreign_folders import write_open3d
+    from tiny_recordings import write_recording
+
+    with pytest.raises(RecordingError, match=r"contains its camera. Leave out --fov"):
+        open_recording(write_recording(tmp_path / "a"), SourceOptions(fov_deg=(60, 40)))
+    with pytest.raises(RecordingError, match=r"Leave out --turning"):
+        open_recording(write_open3d(tmp_path / "b"), SourceOptions(turning_deg=60))

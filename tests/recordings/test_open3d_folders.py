@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from foreign_folders import HEIGHT, WIDTH, depth_m, read, refused, rgb, write, write_open3d
@@ -146,3 +147,11 @@ def test_a_tiff_of_thousands_of_long_tags_is_refused_at_once(tmp_path: Path, ste
     begun_s = time.process_time()
     refused(folder, "truncated, damaged or not supported")
     assert time.process_time() - begun_s < 5.0
+
+
+def test_the_opencv_writer_of_tiff_compresses_and_is_read(tmp_path: Path) -> None:
+    folder = write_open3d(tmp_path / "scan", 1, suffix=".tif")
+    noise = np.random.default_rng(0).integers(1, 60_000, (HEIGHT, WIDTH)).astype(np.uint16)
+    path = str(folder / "depth" / "00000.tif")
+    assert cv2.imwrite(path, noise, [cv2.IMWRITE_TIFF_COMPRESSION, 8])
+    np.testing.assert_allclose(read(folder)[0].depth_m, noise * np.float32(0.001), rtol=1e-6)

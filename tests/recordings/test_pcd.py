@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,13 @@ def test_the_points_tell_their_camera_and_its_lens(tmp_path: Path, lens: tuple[f
     truth = cloud_points()[0][..., 2]
     inner = (slice(10, -10), slice(10, -10))
     assert np.median(np.abs(straight[inner] - truth[inner])[straight[inner] > 0]) < 1e-3
+
+
+def test_without_open3d_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write_pcd(tmp_path / "a.pcd", *cloud_points())
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(RecordingError, match=r"needs .* open3d, .*pip install 'flatcloth\[synthesis\]'"):
+        read_pcd(file)
 
 
 def test_points_of_no_camera_are_refused(tmp_path: Path) -> None:

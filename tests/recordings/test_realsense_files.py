@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sqlite3
 import subprocess
@@ -22,7 +23,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.files import libraries as realsense_library
 from flatcloth.recordings.film.angles import GivenAngles
-from flatcloth.recordings.realsense.player import RealsensePlayer
+from flatcloth.recordings.realsense.player import RealsensePlayer, is_realsense
 from flatcloth.recordings.realsense.turned import open_realsense
 
 STOPS = 3
@@ -153,6 +154,43 @@ def test_color_that_comes_late_is_paired_with_its_own_depth(tmp_path: Path) -> N
         assert int(np.argmin(apart)) == round(pair.time_s * 15)
 
 
+class Starved:
+    """A pipeline whose threads do not get to work for a while, after some frames."""
+
+    def __init__(self, pipeline: Any, frames: int, waits: int) -> None:
+        self._pipeline, self._frames, self._waits = pipeline, frames, waits
+
+    def try_wait_for_frames(self, timeout_ms: int) -> tuple[bool, Any]:
+        if self._frames > 0 or self._waits <= 0:
+            self._frames -= 1
+            return self._pipeline.try_wait_for_frames(timeout_ms)
+        self._waits -= 1
+        return False, None
+
+    def stop(self) -> None:
+        self._pipeline.stop()
+
+
+def test_frames_that_are_late_on_a_busy_machine_are_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    player = RealsensePlayer(write_realsense(tmp_path / "late.db3", turning(lambda _t: 0.0, 1.0)))
+    real = player._open
+
+    def starved(*, starting: bool) -> tuple[Any, Any, Any]:
+        config, pipeline, playback = real(starting=starting)
+        ended = SimpleNamespace(
+            current_status=lambda: player._library.playback_status.stopped,
+            get_position=lambda: 0,
+            pause=playback.pause,
+            resume=playback.resume,
+        )
+        return config, Starved(pipeline, 6, 10), ended
+
+    monkeypatch.setattr(player, "_open", starved)
+    assert len(list(player.play())) == 15
+
+
 def test_a_film_that_is_left_early_is_stopped_before_its_device_goes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -192,6 +230,12 @@ def test_color_of_another_time_is_used_only_if_there_is_no_other(tmp_path: Path)
     read = open_realsense(file)
     assert len(read) == 1
     assert "not taken at the same time" in read.description
+
+
+def test_a_few_frames_are_one_view(tmp_path: Path) -> None:
+    read = open_realsense(write_realsense(tmp_path / "few.db3", turning(lambda _t: 0.0, 0.3)))
+    assert read.angles_deg == (0.0,)
+    assert "Only 4 frames" in read.description
 
 
 def test_a_file_killed_while_it_was_recorded_keeps_what_was_written(tmp_path: Path) -> None:
@@ -238,6 +282,15 @@ def test_a_damage_in_the_middle_is_told(files: Path, tmp_path: Path) -> None:
     # The tests' files are written about ten times as fast as a camera's.
     player.duration_s, player.read_s = 10 * player.duration_s, 10 * player.read_s
     assert player.is_short
+
+
+def test_how_much_of_a_damaged_file_was_read_stands_in_its_notes(
+    files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RealsensePlayer, "is_short", True)
+    read = open_realsense(files / "stops.db3")
+    # The position depends on how fast the file was written.
+    assert re.match(r"Only \d+\.\d of \d+\.\d s could be read: the file is damaged there", read.notes[0])
 
 
 def damaged_files(folder: Path, whole: bytes) -> dict[Path, str]:
@@ -322,6 +375,18 @@ def test_options_that_make_no_sense_are_refused(
 ) -> None:
     with pytest.raises(RecordingError, match=message):
         open_realsense(files / "stops.db3", angles, align)
+
+
+def test_the_kind_of_a_file_is_told_by_its_content(files: Path, tmp_path: Path) -> None:
+    assert is_realsense(files / "stops.db3")
+    other = tmp_path / "ros.db3"
+    with sqlite3.connect(other) as base:
+        base.execute("CREATE TABLE topics (id INTEGER, name TEXT)")
+        base.execute("INSERT INTO topics VALUES (1, '/camera/depth')")
+    base.close()
+    (tmp_path / "ros.bag").write_bytes(b"#ROSBAG V2.0\n topic=/camera/depth")
+    for file in (other, tmp_path / "ros.bag", tmp_path / "none.db3", tmp_path):
+        assert not is_realsense(file)
 
 
 def test_a_missing_library_is_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

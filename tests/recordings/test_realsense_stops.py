@@ -11,7 +11,7 @@ from realsense_files import Shot, stop_and_go, turning
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.film.angles import read_turning
-from flatcloth.recordings.film.recording import average_depth
+from flatcloth.recordings.film.recording import average_color, average_depth
 from flatcloth.recordings.film.stillness import STILL_PX_S, MotionMeter, Stop, find_stops, glance
 
 
@@ -50,6 +50,15 @@ def test_noise_is_rest() -> None:
     assert stop.end_s - stop.start_s > 1.8
 
 
+def test_flickering_light_is_rest() -> None:
+    flicker = [0.97, 1.0, 1.03]
+    shots = [
+        Shot(s.time_s, (s.color * flicker[n % 3] * 0.9).astype(np.uint8), s.depth_mm)
+        for n, s in enumerate(turning(lambda _t: 0.0, 2.0))
+    ]
+    assert np.median(speeds(shots)) < STILL_PX_S
+
+
 def test_what_moves_behind_the_item_does_not_matter() -> None:
     rng = np.random.default_rng(3)
     shots = []
@@ -63,6 +72,21 @@ def test_what_moves_behind_the_item_does_not_matter() -> None:
     assert max(speeds(shots)) < STILL_PX_S
 
 
+def test_the_speed_is_in_pixels_a_second() -> None:
+    def sliding(px_s: float) -> list[float]:
+        rows, cols = np.mgrid[0:240, 0:240]
+        shots = []
+        for n in range(20):
+            x = cols - px_s * n / 15
+            grey = 128 + 50 * np.sin(x / 12) + 40 * np.cos(rows / 15)
+            color = np.repeat(grey[..., None], 3, axis=2).astype(np.uint8)
+            shots.append(Shot(n / 15, color, np.full((240, 240), 800, np.uint16)))
+        return speeds(shots)
+
+    assert np.median(sliding(8.0)) == pytest.approx(8.0, rel=0.35)
+    assert np.median(sliding(16.0)) == pytest.approx(2 * np.median(sliding(8.0)), rel=0.25)
+
+
 def test_a_bump_at_a_stop_does_not_make_two_stops_of_it() -> None:
     def bumped(t: float) -> float:
         turn = 10.0 if t > 5 else 2.0 * (t - 0.0) * 0
@@ -71,6 +95,16 @@ def test_a_bump_at_a_stop_does_not_make_two_stops_of_it() -> None:
     stops = stops_of(turning(bumped, 7.0))
     assert len(stops) == 2
     assert stops[0].start_s > 1.9  # of the two phases, the longer one
+
+
+def test_a_pause_too_short_to_average_is_no_stop() -> None:
+    assert len(stops_of(turning(stop_and_go(3, 10.0, 0.2, 0.8), 2.0))) == 0
+
+
+def test_missing_frames_are_no_motion() -> None:
+    shots = turning(lambda _t: 0.0, 1.2)
+    later = [Shot(s.time_s + 30, s.color, s.depth_mm) for s in shots]
+    assert max(speeds(shots + later)) < STILL_PX_S
 
 
 def test_averaging_is_right_to_a_fraction_of_a_unit() -> None:
@@ -86,6 +120,19 @@ def test_a_pixel_between_two_layers_stays_on_one() -> None:
     np.testing.assert_allclose(average_depth(frames), 800.0)
     halves = [np.full((8, 8), v, np.uint16) for v in (800, 800, 900, 900)]
     np.testing.assert_allclose(average_depth(halves), 800.0)
+
+
+def test_what_was_measured_in_few_frames_was_not_measured() -> None:
+    frames = [np.full((8, 8), v, np.uint16) for v in (0, 0, 0, 0, 0, 800, 800, 800)]
+    assert not average_depth(frames).any()
+    frames[4] = np.full((8, 8), 801, np.uint16)
+    np.testing.assert_allclose(average_depth(frames), 800.25)
+    np.testing.assert_allclose(average_depth([np.full((8, 8), 7, np.uint16)]), 7.0)
+
+
+def test_black_does_not_darken_the_average_color() -> None:
+    frames = [np.full((4, 4, 3), v, np.uint8) for v in (100, 102, 0)]
+    assert (average_color(frames) == 101).all()
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,15 @@ def test_a_frame_is_rgb_with_depth_in_metres_and_a_boolean_mask(folder: Path) ->
     assert frame.mask[2:].all()
 
 
+def test_views_can_be_iterated_in_order_and_do_not_count_from_the_end(folder: Path) -> None:
+    recording = open_recording(folder)
+    assert [frame.view_index for frame in recording] == [0, 1, 2]  # type: ignore[attr-defined]
+    with pytest.raises(IndexError):
+        recording[-1]
+    with pytest.raises(IndexError):
+        recording[3]
+
+
 def test_axis_held_point_masks_and_texts_are_optional(folder: Path) -> None:
     content = header()
     for key in ("rotation_axis", "held_point_m", "name", "description", "truth"):
@@ -67,6 +76,11 @@ def test_axis_held_point_masks_and_texts_are_optional(folder: Path) -> None:
     assert not recording.has_masks
     assert (recording.name, recording.description) == (folder.name, "")
     assert recording[0].mask is None
+
+
+def test_a_missing_truth_image_does_not_keep_a_recording_from_opening(folder: Path) -> None:
+    (folder / "truth" / "1.png").unlink()
+    assert len(open_recording(folder)) == 3
 
 
 def test_an_axis_that_points_down_is_the_same_turn_about_the_upward_axis(folder: Path) -> None:
@@ -87,6 +101,15 @@ def test_an_axis_that_points_down_is_the_same_turn_about_the_upward_axis(folder:
         camera_from_object(upward.rotation_axis, upward.angles_deg[2]).apply(point),
         atol=1e-12,
     )
+
+
+def test_a_direction_that_is_unit_up_to_rounding_is_made_exactly_unit(folder: Path) -> None:
+    content = header()
+    content["rotation_axis"]["direction"] = [0.0, -0.9998, 0.0141]
+    write_header(folder, content)
+    axis = open_recording(folder).rotation_axis
+    assert axis is not None
+    assert np.linalg.norm(axis.direction) == pytest.approx(1.0, abs=1e-15)
 
 
 def test_the_json_file_itself_opens_its_folder(folder: Path) -> None:

@@ -70,6 +70,14 @@ def test_a_table_that_is_wrong_is_one_line(tmp_path: Path, text: str, cause: str
     assert "\n" not in str(caught.value)
 
 
+def test_names_and_times_that_a_source_has_not_cannot_be_used(tmp_path: Path) -> None:
+    table = tmp_path / "angles.csv"
+    for text, cause in (("file,angle_deg\na,0\n", "no image files"), ("time_s,angle_deg\n0,0\n", "no times")):
+        table.write_text(text)
+        with pytest.raises(RecordingError, match=cause):
+            GivenAngles(table=table).views(Shots(source="scan", count=1))
+
+
 def test_a_step_counts_from_0_and_stops_after_a_whole_turn(tmp_path: Path) -> None:
     folder = write_open3d(tmp_path / "scan", 10)
     assert open_recording(folder, step_deg=36).angles_deg == tuple(36.0 * n for n in range(10))

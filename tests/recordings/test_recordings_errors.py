@@ -144,6 +144,12 @@ def test_a_file_that_is_no_header_is_refused(folder: Path, data: bytes, cause: s
     refused(folder, cause)
 
 
+def test_a_header_that_is_a_folder_is_refused(folder: Path) -> None:
+    (folder / "recording.json").unlink()
+    (folder / "recording.json").mkdir()
+    refused(folder, "missing")
+
+
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
@@ -312,3 +318,16 @@ def test_a_link_out_of_the_folder_is_not_followed(folder: Path, tmp_path: Path, 
     outside = path.rename(tmp_path / "outside.png")
     path.symlink_to(outside)
     refused(folder, "leads outside the folder")
+
+
+def test_a_link_to_itself_is_refused(folder: Path) -> None:
+    path = folder / "color" / "1.png"
+    path.unlink()
+    path.symlink_to(path)
+    with pytest.raises(RecordingError, match=r"cannot be followed|missing"):
+        open_recording(folder)
+
+
+def test_a_message_is_never_flooded_by_the_value(folder: Path) -> None:
+    write_header(folder, header() | {"format": "x" * 100_000})
+    assert len(refused(folder, "format is")) < len(str(folder)) + 200

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_recordings import HEIGHT, WIDTH, header, write_header, write_recording
+from tiny_recordings import HEIGHT, WIDTH, header, write_header, write_image, write_recording
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.truth import Truth
@@ -48,3 +48,15 @@ def test_a_truth_that_does_not_name_the_panel_is_refused(folder: Path, truth: ob
     write_header(folder, {**header(), "truth": truth})
     with pytest.raises(RecordingError, match="panel_of_interest is not 1"):
         Truth(folder)
+
+
+def test_truth_images_are_checked(folder: Path) -> None:
+    truth = Truth(folder)
+    (folder / "truth" / "0.png").unlink()
+    write_image(folder / "truth" / "1.png", np.ones((HEIGHT, WIDTH), dtype=np.uint16))
+    write_image(folder / "truth" / "2.png", np.ones((HEIGHT, WIDTH - 1, 3), dtype=np.uint16))
+    for view_index, cause in ((0, "missing"), (1, "three channels"), (2, "intrinsics are for")):
+        with pytest.raises(RecordingError, match=cause):
+            truth[view_index]
+    with pytest.raises(IndexError):
+        truth[3]

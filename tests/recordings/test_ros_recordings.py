@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,13 @@ def test_ros_1_and_ros_2_recordings_are_read(tmp_path: Path, name: str) -> None:
     for wrong in (-1, 3):
         with pytest.raises(IndexError):
             recording[wrong]
+
+
+def test_several_threads_may_read(tmp_path: Path) -> None:
+    recording = open_recording(write(tmp_path / "take.bag", views(12)), step_deg=10)
+    with ThreadPoolExecutor(4) as pool:
+        frames = list(pool.map(recording.__getitem__, list(range(12)) * 3))
+    assert [int(frame.color[5, 5, 2]) for frame in frames] == [10 * n for n in range(12)] * 3
 
 
 @pytest.mark.parametrize(
@@ -161,6 +169,10 @@ def test_a_film_is_not_taken_for_one_view_a_frame(tmp_path: Path) -> None:
     path = write(tmp_path / "take.bag", views(40))
     refused(path, "the item never stands still", step_deg=10)
     assert len(here(path, 9)) == 40
+
+
+def test_without_angles_the_remedy_is_told(tmp_path: Path) -> None:
+    refused(write(tmp_path / "take.bag", views()), "--step DEG", step_deg=None)
 
 
 def changed(topic: str, content: Any) -> list[Message]:

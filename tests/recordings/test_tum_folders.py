@@ -26,6 +26,11 @@ def test_a_folder_is_read_with_5000_units_per_metre(tmp_path: Path, associations
         assert (frame.depth_m.dtype, frame.mask) == (np.float32, None)
 
 
+def test_a_list_of_the_folder_opens_it(tmp_path: Path) -> None:
+    folder = write_tum(tmp_path / "tum")
+    assert len(open_recording(folder / "associations.txt", step_deg=10)) == 3
+
+
 def test_associations_may_name_depth_first(tmp_path: Path) -> None:
     folder = write_tum(tmp_path / "tum")
     rows = [line.split() for line in (folder / "associations.txt").read_text().splitlines()]

@@ -131,6 +131,12 @@ def test_a_recording_is_gone_on_with_only_when_asked(tmp_path: Path) -> None:
     assert open_recording(tmp_path).description == "first"
 
 
+def test_an_empty_recording_is_resumed(tmp_path: Path) -> None:
+    writing(tmp_path).close()
+    with writing(tmp_path, resume=True) as made:
+        assert made.add(0, color(0), depth(0)) == 0
+
+
 def test_resuming_never_writes_over_a_listed_image(tmp_path: Path) -> None:
     with writing(tmp_path) as made:
         for n in range(3):
@@ -181,6 +187,12 @@ def test_two_writers_do_not_share_a_folder(tmp_path: Path) -> None:
     with writing(tmp_path), pytest.raises(RecordingError, match="another flatcloth is writing"):
         writing(tmp_path, resume=True)
     writing(tmp_path, resume=True).close()
+
+
+def test_a_file_in_the_place_of_the_folder_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("x")
+    with pytest.raises(RecordingError, match=r"out: cannot be written .File exists"):
+        writing(tmp_path / "out")
 
 
 def test_a_view_that_no_reader_would_take_is_refused(tmp_path: Path) -> None:

@@ -21,12 +21,28 @@ from flatcloth.session.garment import (
     ReleasePoints,
     SetKind,
 )
-from flatcloth.session.machine import Restart, Start, Started, Undo, apply
+from flatcloth.session.machine import Redo, Restart, Start, Started, Undo, apply
 
 HOLD = HoldPoint(HeldPoint("neck_left", (0.2, 0.3), CLOTH))
 PIECE = DecidePiece(PlacedPiece(True, CLOTH, CLOTH, 0.97))
 LINK = DecideLink(DoubtedPart(True, CLOTH, CLOTH, 0.2))
 SEAM = DecideSeam(DecidedSeam(False, CLOTH.points_m))
+
+
+def test_decisions_are_undone_and_redone_one_by_one() -> None:
+    state = after(SetKind("tshirt"), HOLD, PIECE, LINK)
+    assert state.document.garment.parts == (LINK.part,)
+    assert state.undo[-1].name == "take a part off by the garment"
+    state = apply(state, Undo())
+    assert state.document.garment.parts == ()
+    assert state.document.garment.kind == "tshirt"
+    assert state.document.garment.held == (HOLD.point,)
+    assert [item.name for item in state.undo] == [
+        "garment: tshirt", "hold neck_left", "place a piece by the garment",
+    ]  # fmt: skip
+    back = apply(apply(state, Undo()), Undo())
+    assert back.document.garment.held == ()
+    assert apply(apply(back, Redo()), Redo()).document == state.document
 
 
 def test_a_point_held_again_moves_and_another_kind_lets_all_points_go() -> None:

@@ -76,6 +76,17 @@ def test_no_decision_is_lost_when_the_journal_is_taken_away(
     again.close()
 
 
+def test_a_second_harm_leads_to_another_fresh_folder(place: Path) -> None:
+    folder = opened(place)
+    for step in SCRIPT[:2]:
+        folder.record(step)
+        shutil.rmtree(folder.folder)
+    folder.record(SCRIPT[2])
+    assert folder.folder.name == "session-continued-continued"
+    assert folder.state == states()[3]
+    folder.close()
+
+
 def test_where_there_is_no_room_for_a_fresh_folder_the_decision_is_refused(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

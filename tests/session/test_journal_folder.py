@@ -72,6 +72,13 @@ def test_a_journal_without_its_header_is_refused(played: SessionFolder, place: P
         opened(place)
 
 
+def test_a_folder_with_other_files_can_become_a_session(place: Path) -> None:
+    place.mkdir()
+    (place / "notes.txt").write_text("mine")
+    opened(place).close()
+    assert (place / "notes.txt").read_text() == "mine"
+
+
 # --- one writer, and disks that fail --------------------------------------------------------------
 
 
@@ -129,6 +136,13 @@ def test_each_line_is_on_the_disk_before_the_decision_counts(
     assert json.loads(synced[-1].splitlines()[-1])["kind"] == "undo"
 
 
+def test_a_closed_session_takes_no_decision(played: SessionFolder) -> None:
+    played.close()
+    played.close()
+    with pytest.raises(JournalError, match="closed"):
+        played.record(Undo())
+
+
 # --- where sessions are kept ----------------------------------------------------------------------
 
 
@@ -152,3 +166,10 @@ def test_a_default_folder_lies_where_it_should_whatever_the_name(state_home: Pat
     folder = default_session_folder(MemoryRecording(name=name), "paper")
     assert folder.resolve().parent == (state_home / "flatcloth" / "sessions").resolve()
     assert len(folder.name) < 80
+
+
+def test_without_a_state_home_the_users_own_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    for value in ("", "relative/place"):
+        monkeypatch.setenv("XDG_STATE_HOME", value)
+        expected = Path.home() / ".local" / "state" / "flatcloth" / "sessions"
+        assert default_session_folder(RECORDING, "paper").parent == expected

@@ -60,6 +60,17 @@ def ended_by_auto(tab: Tab) -> dict:
     return tab.state_where(lambda s: s["active"]["end"] and not s["auto"]["running"])
 
 
+def test_another_goal_is_pursued_from_now_on(served: PageServer) -> None:
+    with Tab(served) as tab:
+        assert tab.state_where(asking)["active"]["goal"] == "shape"
+        tab.say(type="aim", goal="kind")
+        state = tab.state_where(lambda s: s["active"]["goal"] == "kind")
+        assert state["active"]["knows"] == "no garment recognised"
+        tab.say(type="aim", goal="weight")
+        assert "give shape, kind, or points" in tab.note()["text"]
+        assert served.application.status().goal == "kind"  # type: ignore[attr-defined]
+
+
 def test_a_click_or_a_robot_turns_the_cell_and_the_view_is_a_proposal_as_any_other(
     served: PageServer, tmp_path: Path
 ) -> None:

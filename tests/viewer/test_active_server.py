@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import importlib.util
+import io
 import json
 import socket
 import threading
@@ -20,6 +21,7 @@ import pytest
 from cells import SHAPE, loop_in, seen, sheet_cell
 from forked_program import forked
 from garment_meshes import arc, write_obj
+from PIL import Image as PillowImage
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -31,7 +33,7 @@ from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.named_points import Point
 from flatcloth.garments.recognition import Recognition
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.protocol.robot import Hello, PointsChanged, ShapeChanged
+from flatcloth.viewer.protocol.robot import Hello, Image, PointsChanged, PostedView, ShapeChanged
 from flatcloth.viewer.routes.active import active_routes, loop_events
 from flatcloth.viewer.routes.robot import Told
 
@@ -260,6 +262,15 @@ def test_a_sent_view_that_is_wrong_is_refused_in_words(tmp_path: Path, served: S
     assert again["taken"]["number"] == 0
     assert "not taken twice" in again["taken"]["told"][0]
     assert again["views"] == 1
+
+
+def test_the_transparency_of_a_sent_png_is_no_fourth_channel() -> None:
+    values, file = np.arange(12, dtype=np.uint8).reshape(2, 2, 3), io.BytesIO()
+    PillowImage.fromarray(values).save(file, "PNG", transparency=(0, 1, 2))
+    depth = Image(raw=bytes([1, 0] * 4), shape=(2, 2), dtype="uint16")
+    camera = ((2.0, 0.0, 1.0), (0.0, 2.0, 1.0), (0.0, 0.0, 1.0))
+    posted = PostedView(angle_deg=0.0, color=Image(png=file.getvalue()), depth=depth, K=camera)
+    assert np.array_equal(posted.view().color, values)
 
 
 def test_views_sent_at_the_same_time_are_taken_one_after_the_other(tmp_path: Path, served: Served) -> None:

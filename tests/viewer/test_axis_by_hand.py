@@ -126,6 +126,11 @@ def test_an_estimated_axis_belongs_to_the_session_and_a_set_one_replaces_it(tmp_
     assert same(resumed.axis, SHIFTED)
 
 
+def test_a_recorded_axis_is_not_written_beside_the_session(tmp_path: Path) -> None:
+    settle_axis(tmp_path, Integration(Cylinder(angles_deg=(0.0,))).views)
+    assert not (tmp_path / AXIS_FILE).exists()
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -75,6 +75,14 @@ def test_a_grip_that_is_none_is_told_and_changes_nothing(server: PageServer, pla
     assert (place / "grips.json").read_bytes() == before
 
 
+def test_a_deleted_pick_takes_its_grip_along(server: PageServer, place: Path) -> None:
+    with Tab(server) as tab:
+        shown(tab)
+        tab.say(type="delete_pick", id=1)
+        tab.state_where(lambda s: len(s["picks"]) == 2)
+    assert json.loads((place / "grips.json").read_text())["grips"] == {}
+
+
 def test_the_data_are_those_of_the_command_line_with_the_scores_of_decisions_by_hand(
     unchanged: PageServer, written: Path, tmp_path: Path
 ) -> None:

@@ -12,7 +12,7 @@ import pytest
 from garment_evidence import at_mean, blank_view, cloth_of, evidence_from
 from scipy.spatial import cKDTree
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment import KnownGarment, place_sure_pieces
 from flatcloth.export.garment import garment_document, lines_of, outcome_entry
@@ -173,6 +173,18 @@ def test_what_is_not_there_is_refused_in_words(page) -> None:
         page.controller.seen_point(unseen)
 
 
+def test_nothing_is_recognised_of_one_view_or_while_auto_runs_and_a_reason_is_told(page, service) -> None:
+    page.controller.follow(TWO_VIEWS, busy=True)
+    page.controller.follow(Document(start_view=0), busy=False)
+    assert not page.controller.info().working
+    service.error = GarmentError("The shape has 20 cm2 of cloth.")
+    try:
+        said = page.follow()
+    finally:
+        service.error = None
+    assert (said["found"], said["text"]) == (None, "The shape has 20 cm2 of cloth.")
+
+
 def test_while_auto_changes_the_shape_nothing_is_decided_by_the_garment_of_an_earlier_one(page) -> None:
     page.follow()
     three = dataclasses.replace(TWO_VIEWS, accepted=(*TWO_VIEWS.accepted, Accepted(2, Rigid2())))
@@ -258,3 +270,21 @@ def test_run_places_sure_pieces_once_and_leaves_refused_ones(service) -> None:
     known = place_sure_pieces(service, session)
     assert outcome_entry(known)["placed_by_the_garment"] == []
     assert not garment_document(known)["pieces"]["floating-2.npz"]["placed"]
+
+
+def test_the_shape_is_drawn_again_when_no_kind_explains_it_and_when_its_kind_is_set_by_hand(service) -> None:
+    page = Page(service)
+    page.follow()
+    assert page.doubts == 0
+    service.is_none = True
+    try:
+        for kind, doubts in [(None, 1), (NONE, 2), ("towel", 2), (None, 3)]:
+            page.controller.forget()
+            decided = dataclasses.replace(TWO_VIEWS.garment, kind=kind)
+            page.follow(dataclasses.replace(TWO_VIEWS, garment=decided))
+            assert page.doubts == doubts
+    finally:
+        service.is_none = False
+    page.controller.forget()
+    page.follow()
+    assert page.doubts == 4

@@ -89,6 +89,25 @@ def opened(server: PageServer, kind: str, name: str = "") -> httpx.Response:
     return post(server, "/start/open", json={"kind": kind, "name": name})
 
 
+def test_what_was_open_is_freed_at_the_switch_also_if_its_tab_stays(
+    empty: PageServer,
+) -> None:
+    gc.disable()  # what waits for the collector stays
+    try:
+        assert opened(empty, "folder", "a").status_code == 200
+        before = weakref.ref(empty.application)
+        with Tab(empty) as tab:
+            tab.ready()
+            assert opened(empty, "folder", "b").status_code == 200
+            assert tab.until(lambda m: m["type"] == "switched")
+            until = time.monotonic() + WAIT_S
+            while before() is not None and time.monotonic() < until:
+                time.sleep(0.05)  # its socket and its last job end on their own threads
+            assert before() is None
+    finally:
+        gc.enable()
+
+
 def test_what_the_command_line_opened_is_freed_at_the_switch(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

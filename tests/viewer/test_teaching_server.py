@@ -7,18 +7,21 @@ import json
 import struct
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import cv2
 import numpy as np
 import pytest
+from plates import EVERY_20, THICKNESS_M, TOP_M, plate
 from route_client import RouteClient
-from scenes import Cylinder
+from scenes import AXIS, CAMERA, Cylinder
 from starlette.applications import Starlette
 from starlette.routing import Route
 
 from flatcloth.core.errors import SurfaceError
+from flatcloth.core.types import RgbdFrame
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import Teaching
 from flatcloth.viewer.http import REFUSALS
@@ -107,6 +110,12 @@ def lesson(page, part, **query):
     return values, body
 
 
+def array(values, body, name):
+    part = values["parts"][name]
+    data = body[part["at"] : part["at"] + part["bytes"]]
+    return np.frombuffer(data, dtype=part["kind"]).reshape(part["shape"])
+
+
 ALL_VIEWS = ("start", "sides", "garment", "seams", "check")
 
 
@@ -129,6 +138,58 @@ def assert_whole(values, body):
     assert end == len(body)
 
 
+def test_the_choice_of_the_start_view_and_the_occluding_edges_are_told(page, integration):
+    values, body = lesson(page, "start", start_view=1)
+    assert_whole(values, body)
+    areas = array(values, body, "area_cm2")
+    assert areas == pytest.approx(1e4 * integration.views.observed_areas_m2(), rel=1e-5)
+    parts = {each["view"]: each["part_cm2"] for each in values["tried"]}
+    assert max(parts, key=parts.get) == values["view_index"] == Teaching(integration).start_view()
+    assert areas[next(iter(parts))] == areas.max()
+    assert values["session_view"] == 1
+    planning, body = lesson(page, "planning", start_view=0)
+    for side in planning["sides"]:  # a cylinder turns away on both sides
+        edge = array(planning, body, f"edge_{side['side']}")
+        assert side["occluding_edge_mm"] > 0
+        assert len(edge) > 10
+    left, right = (array(planning, body, f"edge_{side}")[:, 0].mean() for side in ("left", "right"))
+    assert left < right
+
+
+def test_the_flattening_is_told_as_it_is(page, integration):
+    values, body = lesson(page, "flattening", start_view=0)
+    lessons = Teaching(integration)
+    flattening = lessons.flattening(0, lessons.defaults).flattening
+    for told, level in zip(values["levels"], flattening.levels, strict=True):
+        assert told["interval_px"] == level.sampling_interval_px
+        assert told["points"] == len(level.points_rc)
+        assert told["energy_mm2"] == pytest.approx([1e6 * h for h in level.energy])
+        states = array(values, body, f"{told['name']}_states")
+        assert states == pytest.approx(np.array(level.states), abs=1e-6)
+        assert len(told["state_iterations"]) == len(states)
+    view = flattening.view
+    source = array(values, body, "source_rc")
+    top, left = flattening.surface.frame.offset_rc
+    assert source[~view.valid].max() == -1
+    # A flattened pixel leads to the image pixel that shows the same cloth.
+    expected = view.source_rc[view.valid] - (top, left)
+    assert np.abs(source[view.valid] - expected).max() <= 0.5
+    assert values["defaults"] == {
+        "sampling_interval_px": 12,
+        "z_angle_limit_deg": 50.0,
+        "overlap_cm2": round(2000 * float(integration.views.observed_areas_m2().max())),
+    }
+
+
+def test_the_sliders_reach_the_sessions_own_values():
+    config = Integration(Cylinder(**CLOTH)).config
+    config = replace(config, planning=replace(config.planning, z_angle_limit_deg=80.0, overlap_area_m2=0.004))
+    routes = teaching(Integration(Cylinder(**CLOTH), config))
+    values, _ = lesson(Page(routes), "flattening", start_view=0)
+    assert values["sliders"]["z_angle_limit_deg"]["high"] == 80.0
+    assert values["sliders"]["overlap_cm2"]["low"] == 40.0
+
+
 @pytest.mark.parametrize(
     ("address", "status", "told"),
     [
@@ -149,6 +210,66 @@ def test_a_question_that_means_nothing_is_refused(page, address, status, told):
     answered, text = page.get(address)
     assert answered == status
     assert told in text.decode()
+
+
+class Plate:
+    """Two layers, 2 mm apart, without masks."""
+
+    name, description, location, held_point_m = "plate", "", "plate", TOP_M
+    rotation_axis, angles_deg, has_masks, intrinsics = AXIS, EVERY_20, False, CAMERA
+
+    def __init__(self) -> None:
+        self._views = plate(gripper=True)
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        return self._views[view_index].frame
+
+
+def test_the_sides_without_masks_are_shown_with_their_evidence():
+    routes = teaching(Integration(Plate()))
+    values, body = lesson(Page(routes), "sides")
+    assert values["kind"] == "sides"
+    assert_whole(values, body)
+    place, opposite = array(values, body, "section_mm"), array(values, body, "opposite")
+    side, normal = array(values, body, "section_side"), array(values, body, "section_normal")
+    assert len(opposite) > 10
+    assert (side[opposite[:, 0]] * side[opposite[:, 1]] == -1).all()
+    # The side of interest looks at the camera of the start view, 2 mm before the other; v points to it.
+    front, back = (place[(side == sign) & (np.abs(normal[:, 1]) > 0.9), 1] for sign in (1, -1))
+    assert np.median(front) - np.median(back) == pytest.approx(1e3 * THICKNESS_M, abs=0.3)
+    assert normal[(side == 1) & (np.abs(normal[:, 1]) > 0.9), 1].min() > 0.9
+    first = array(values, body, "first_side")
+    assert first.shape == (values["first"]["rows"], values["first"]["cols"])
+    assert set(np.unique(first)) == {1, 2}
+
+
+def test_the_garment_is_explained_by_an_example_until_there_is_a_shape(integration):
+    routes = teaching(integration)
+    values, body = lesson(Page(routes), "garment", revision=3)
+    assert_whole(values, body)
+    assert values["flat"] is None
+    assert values["kinds"][0]["name"] == "tshirt"
+    assert sum(kind["probability"] for kind in values["kinds"]) + values["none"] == pytest.approx(1.0)
+    states, energy = array(values, body, "states"), np.array(values["energy"])
+    assert list(states.shape[:2]) == list(energy.shape)
+    best = energy[-1].argmin()
+    assert energy[-1, best] < 0.3 * energy[0, best]
+    # The best start ends on the true edges.
+    edges, outline = array(values, body, "edge_uv"), array(values, body, "outline_tshirt")
+    assert dist_to(edges, outline) < 0.01
+    assert dist_to(edges, states[-1, best]) < 0.01 < dist_to(edges, states[0, best])
+
+
+def dist_to(places: np.ndarray, outline: np.ndarray) -> float:
+    """Return the median distance of places from a closed outline."""
+    a, b = outline[None], np.roll(outline, -1, axis=0)[None]
+    along = b - a
+    share = ((places[:, None] - a) * along).sum(axis=2) / np.maximum((along**2).sum(axis=2), 1e-12)
+    off = places[:, None] - a - np.clip(share, 0, 1)[..., None] * along
+    return float(np.median(np.linalg.norm(off, axis=2).min(axis=1)))
 
 
 def test_what_goes_wrong_is_told_and_the_next_question_is_answered(page, routes, monkeypatch, caplog):

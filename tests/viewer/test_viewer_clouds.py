@@ -14,6 +14,7 @@ from scenes import AXIS, Cylinder
 from flatcloth.core.errors import RecordingError
 from flatcloth.engine.integration import Integration
 from flatcloth.rendering.colormaps import view_colors
+from flatcloth.rendering.layers import Appearance, rgba
 from flatcloth.session.machine import Propose, Start
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.picture import Picture, make_picture
@@ -43,6 +44,10 @@ def picture(integration: Integration, tmp_path_factory: pytest.TempPathFactory) 
     return made
 
 
+def radius_m(points: np.ndarray) -> np.ndarray:
+    return np.hypot(points[:, 0] - AXIS.point_m[0], points[:, 2] - AXIS.point_m[2])
+
+
 def test_the_shape_the_view_and_what_the_proposal_adds_are_shown(picture: Picture) -> None:
     found = clouds_of(picture, AXIS, N)
     assert len(found[HELD].points_m) == picture.view.valid.sum()
@@ -51,6 +56,20 @@ def test_the_shape_the_view_and_what_the_proposal_adds_are_shown(picture: Pictur
     new = picture.overlay.new_points & picture.overlay.view.valid
     assert len(found[PROPOSAL].points_m) == new.sum() > 0
     assert len(found[LIVE].points_m) > 1000
+
+
+def test_each_point_has_the_color_of_its_view(picture: Picture) -> None:
+    found = clouds_of(picture, AXIS, N, "source")
+    assert (found[HELD].colors == view_colors(N)[0]).all()
+    assert (found[PROPOSAL].colors == view_colors(N)[1]).all()
+
+
+def test_a_chosen_layer_has_the_colours_of_the_page_in_space_too(picture: Picture) -> None:
+    gray = Appearance("gray", 0.2, 0.8)
+    found = clouds_of(picture, AXIS, N, "height", gray)[HELD].colors
+    expected = rgba(picture.view, "height", AXIS, N, gray)[picture.view.valid][:, :3]
+    np.testing.assert_array_equal(found, expected)
+    assert np.ptp(found.astype(np.int16), axis=1).max() <= 1  # the library's gray is rounded
 
 
 @pytest.fixture
@@ -82,6 +101,14 @@ def test_all_views_are_read_when_they_are_wanted(scene: Scene, picture: Picture)
         time.sleep(0.02)
     scene.arrange(Settings())
     assert len(scene.visible_points()) == before
+
+
+def test_all_views_lie_on_one_another(integration: Integration) -> None:
+    cloud = all_views(integration, "color")
+    assert abs(np.median(radius_m(cloud.points_m)) - 0.12) < 1e-3
+    by_view = all_views(integration, "source")
+    assert {tuple(c) for c in by_view.colors} == {tuple(c) for c in view_colors(N)}
+    assert len(cloud.points_m) == len(by_view.points_m) <= 60_000
 
 
 def test_a_view_that_cannot_be_read_is_left_out() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import io
 import logging
 import os
@@ -31,7 +32,7 @@ from flatcloth.cli import main
 from flatcloth.core.errors import ServerError
 from flatcloth.viewer import http
 from flatcloth.viewer.server import limits
-from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.app import PageServer, serve
 from flatcloth.viewer.server.guard import given_token, kept_token
 from flatcloth.viewer.server.workspace import Opened
 
@@ -182,6 +183,27 @@ def test_a_client_that_does_not_speak_viser_s_language_leaves_one_line(server, c
     (line,) = [r for r in caplog.records if r.name == "websockets.server" and r.levelname == "ERROR"]
     assert "not understood" in line.getMessage()
     assert line.exc_info is None
+
+
+def test_a_message_that_viser_s_handlers_do_not_understand_leaves_one_line(server, caplog):
+    odd = {"type": "GuiUpdateMessage", "uuid": [], "updates": {}}
+    options = {"subprotocols": [f"viser-v{viser.__version__}"]}
+    with open_socket(server, "/viser", **options) as opened:
+        opened.send(msgspec.msgpack.encode(odd))
+        ends = time.monotonic() + WAIT_S
+        while not (lines := [r for r in caplog.records if r.name == "asyncio"]) and time.monotonic() < ends:
+            gc.collect()  # asyncio tells of a task when it is collected
+            time.sleep(0.02)
+    assert "not understood: TypeError" in lines[0].getMessage()
+    assert lines[0].exc_info is None
+
+
+def test_a_body_that_ends_early_leaves_no_traceback(server, caplog):
+    with socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S) as leaving:
+        head = request(server, "/start/open").replace("GET", "POST", 1).removesuffix("\r\n")
+        leaving.sendall((head + "Content-Length: 100\r\n\r\n{").encode())
+    assert get(server, "/start/places.json").status_code == 200
+    assert not [r for r in caplog.records if r.exc_info]
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
@@ -416,6 +438,18 @@ def test_a_line_that_is_logged_again_and_again_is_limited(monkeypatch):
     now_s = 61.0
     logger.warning("socket.accept() out of system resource: %d", 0)
     assert "(and 995 more such lines before)" in out.getvalue()
+
+
+def test_logs_are_limited_while_the_page_is_served_and_not_afterwards(monkeypatch):
+    handlers = logging.getLogger().handlers
+    before = [list(handler.filters) for handler in handlers]
+    assert before
+    served: list[list[object]] = []
+    monkeypatch.setattr(PageServer, "join", lambda _: served.extend([*h.filters] for h in handlers))
+    serve(lambda _: None, first=lambda: Opened(CylinderIntegration(), MemoryFolder()), port=0)
+    assert all(any(isinstance(f, limits.RateLimit) for f in filters) for filters in served)
+    assert len(served) == len(before)
+    assert [list(handler.filters) for handler in handlers] == before
 
 
 def test_a_port_or_a_host_that_cannot_be_had_is_one_clear_line(server):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import functools
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +48,23 @@ def test_a_frame_is_flattened_when_somebody_wants_a_newer_one(
     assert frames.after(0) is first  # another tab gets the same
     assert after(frames, first.sequence).sequence > first.sequence
     assert camera.asked == 2
+
+
+def test_a_held_frame_stays_until_it_goes_on(frames: LiveFrames, camera: CylinderCamera) -> None:
+    seen, later = after(frames, 0), after(frames, 1)
+    held = frames.hold(seen.sequence)
+    assert held is not None
+    assert held.picture is not None
+    assert seen.picture is not None
+    assert held.picture.view is seen.picture.view
+    assert frames.after(later.sequence) is held  # who saw a later one gets it again
+    assert frames.after(held.sequence) is None
+    assert camera.asked == 2
+    with ThreadPoolExecutor(1) as tab:
+        waiting = tab.submit(after, frames, held.sequence)
+        time.sleep(0.05)
+        frames.play()
+        assert waiting.result().sequence > held.sequence
 
 
 def test_a_frame_without_cloth_is_empty_and_says_why_and_an_unexpected_error_also_pauses(
@@ -104,3 +123,13 @@ def test_a_click_pauses_and_picks_on_the_frame_that_was_seen(server: PageServer)
         assert get(server, f"/capture/frame/{held['sequence']}/color").status_code == 204
         tab.say(type="play", playing=True)
         assert tab.state_where(lambda s: s["capture"]["playing"])
+
+
+def test_a_click_in_the_scene_pauses_and_picks(server: PageServer) -> None:
+    with Tab(server) as tab:
+        get_frame(server)
+        tab.say(type="play", playing=False)
+        tab.state_where(lambda s: not s["capture"]["playing"])
+        server.application.click_ray((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+        state = tab.state_where(lambda s: s["pick"])
+    assert state["pick"]["position_held_m"][2] > 0.3

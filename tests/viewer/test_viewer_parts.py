@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from viewer_fakes import CENTER_M, CylinderRecording, cylinder_view
 
 from flatcloth.core.types import Rigid2
-from flatcloth.rendering.layers import LAYERS, legends, rgba
+from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legends, rgba
 from flatcloth.session.machine import (
     Accept,
     NothingMore,
@@ -91,6 +92,24 @@ def test_layers_are_transparent_off_the_cloth(layer):
     image = rgba(view, layer, AXIS, 12)
     np.testing.assert_array_equal(image[..., 3] == 255, view.valid)
     assert not view.valid.all()
+
+
+@pytest.mark.parametrize("layer", QUALITY_LAYERS)
+def test_quality_that_is_not_known_is_grey_and_has_no_scale(layer):
+    view = replace(cylinder_view({0: 0.0}), quality=None)
+    image = rgba(view, layer, AXIS, 12)
+    np.testing.assert_array_equal(np.unique(image[view.valid][:, :3]), [128])
+    assert legends(view, AXIS, (0.0,))[layer]["title"] == "Not measured"
+    view = cylinder_view({0: 0.0})
+    view.quality[10, 10] = np.nan
+    np.testing.assert_array_equal(rgba(view, layer, AXIS, 12)[10, 10], [128, 128, 128, 255])
+
+
+def test_the_range_of_stretch_and_incidence_is_the_same_in_every_view():
+    legend = legends(cylinder_view({0: 0.0}), AXIS, (0.0,))
+    assert (legend["stretch"]["low"], legend["stretch"]["high"]) == (0, 10)
+    assert (legend["incidence"]["low"], legend["incidence"]["high"]) == (0, 80)
+    assert 200 < legend["density"]["low"] < legend["density"]["high"] <= 400
 
 
 def test_legends_have_units_and_name_the_views_used():

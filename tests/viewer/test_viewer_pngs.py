@@ -14,6 +14,8 @@ from flatcloth.api.integrating import flatten
 from flatcloth.recordings import open_recording
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.layers import (
+    Appearance,
+    difference_rgba,
     legend,
     rgba,
 )
@@ -65,6 +67,13 @@ def test_a_recording_with_a_kit_shows_the_error_of_each_pixel():
     assert truth_of(open_recording("shirt-sleeve-clean")) is None
 
 
+def test_colors_get_black_and_white_levels(client):
+    image = image_of(client.get("/layers/3/color.png?low=0.2&high=0.6"))
+    red = VIEW.rgb[VIEW.valid][:, 0]
+    expected = np.rint(255 * ((red / 255 - 0.2) / 0.4).clip(0, 1))
+    np.testing.assert_array_equal(image[VIEW.valid][:, 0], expected)
+
+
 def test_the_proposal_is_shown_in_the_colours_of_the_shape(client, shown):
     overlay = shown.picture.overlay.view
     image = image_of(client.get("/overlay/7.png?layer=height"))
@@ -89,6 +98,32 @@ def test_differences_are_mapped_over_the_common_cloth_only(client, shown):
 
 
 @pytest.mark.parametrize(
+    "path",
+    [
+        "/layers/2/color.png",
+        "/layers/3/secret.png",
+        "/overlay/8.png",
+        "/overlay/7.png?layer=secret",
+        "/difference/2-7/color.png",
+        "/difference/3-8/color.png",
+        "/difference/3-7/secret.png",
+    ],
+)
+def test_what_is_not_shown_any_more_or_not_known_is_not_there(client, path):
+    answer = client.get(path)
+    assert answer.status_code == 204  # while views are added fast, the page asks for what is replaced
+    assert answer.content == b""
+
+
+def test_without_a_picture_or_a_proposal_there_is_nothing(client, shown):
+    shown.picture.overlay = None
+    assert client.get("/overlay/7.png").status_code == 204
+    assert client.get("/difference/3-7/color.png").status_code == 204
+    shown.picture = None
+    assert client.get("/layers/3/color.png").status_code == 204
+
+
+@pytest.mark.parametrize(
     "query",
     ["map=rainbow", "low=0.5&high=0.5", "low=0&high=1e-320", "low=-1", "high=2", "low=nan", "high=much"],
 )
@@ -97,3 +132,17 @@ def test_a_look_that_cannot_be_is_one_clear_line(client, query):
     assert answer.status_code == 400
     assert "\n" not in answer.text
     assert any(said in answer.text for said in ("rainbow", "0 <= low", "is text"))
+
+
+def test_a_heat_map_saturates_at_its_legend():
+    far = SimpleNamespace(
+        color=np.array([[0.0, 32.0, 64.0, 200.0]]),
+        height_m=np.zeros((1, 4)),
+        distance_m=np.zeros((1, 4)),
+        common=np.ones((1, 4), dtype=bool),
+    )
+    image = difference_rgba(far, "color")[0, :, :3]
+    table = MAPS["loss"].table()
+    np.testing.assert_array_equal(image[[0, 2, 3]], table[[0, 255, 255]])
+    assert image[1].tolist() in table[126:130].tolist()
+    assert difference_rgba(far, "color", Appearance(high=0.5))[0, 1, :3].tolist() == table[255].tolist()

@@ -36,6 +36,13 @@ def decoded(answer: httpx.Response) -> np.ndarray:
     return image
 
 
+def test_the_color_of_a_view_is_what_the_recording_has(server: PageServer) -> None:
+    shown = decoded(get(server, "/source/1/color.jpg"))[..., ::-1].astype(float)
+    true = Cylinder(angles_deg=ANGLES_DEG)[1].color
+    assert shown.shape == true.shape
+    assert np.median(np.abs(shown - true)) < 4
+
+
 def test_the_mask_shades_what_is_not_the_item(server: PageServer) -> None:
     cover = decoded(get(server, "/source/0/mask.png"))
     mask = Cylinder(angles_deg=ANGLES_DEG)[0].mask
