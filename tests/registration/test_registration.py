@@ -90,13 +90,24 @@ def test_views_added_in_any_order_are_registered_alike(exact: Integration, order
     assert found.view_indices == (0, 1, 2)
 
 
-def test_a_view_is_compared_with_the_nearest_on_either_side_and_one_further_away() -> None:
-    around = list(np.arange(0.0, 360.0, 10.0))
-    assert {(n - m) % 36 for n, m in cameras._pairs(around)} == {1, 3, 33, 35}
-    assert len(cameras._pairs(around)) == 72
-    assert cameras._pairs([0.0, 30.0, 60.0]) == [(1, 0), (2, 0), (2, 1)]
-    assert cameras._pairs([0.0, 0.0, 120.0]) == [(1, 0)]
-    assert cameras._pairs([0.0]) == []
+def test_a_view_is_compared_with_the_nearest_on_either_side_and_one_further_away(
+    exact: Integration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (one,) = features_of_views(exact, (0,))
+    monkeypatch.setattr(cameras, "fit_pair", lambda *_: None)
+
+    def compared(*angles_deg: float) -> set[tuple[int, int]]:
+        fits: Fits = {}
+        views = [replace(one, view_index=n, angle_deg=angle) for n, angle in enumerate(angles_deg)]
+        register(views, exact.axis, exact.views.held_point_m, fits)
+        return {pair for pair, _ in fits}
+
+    around = compared(*np.arange(0.0, 360.0, 10.0).tolist())
+    assert {(n - m) % 36 for n, m in around} == {1, 3, 33, 35}
+    assert len(around) == 72
+    assert compared(0.0, 30.0, 60.0) == {(1, 0), (2, 0), (2, 1)}
+    assert compared(0.0, 0.0, 120.0) == {(1, 0)}
+    assert compared(0.0) == set()
 
 
 def test_a_pair_is_compared_once(exact: Integration, monkeypatch: pytest.MonkeyPatch) -> None:
