@@ -74,6 +74,19 @@ def test_a_view_with_nothing_in_common_stays_and_says_so(exact: Integration) -> 
     assert found.views[1].moved_m < 1e-4
 
 
+def test_two_views_are_compared_about_the_middle_between_what_they_show(exact: Integration) -> None:
+    found = registered(exact)
+    assert found.pairs
+    for pair in found.pairs:
+        middles = [found.known[n].apply(found.features[n].middle_m) for n in (pair.first, pair.second)]
+        assert np.linalg.norm(middles[0] - middles[1]) > 0.01
+        np.testing.assert_allclose(pair.center_m, np.mean(middles, axis=0))
+
+
+def test_without_pairs_nothing_is_surprising(exact: Integration) -> None:
+    assert registered(exact, (0,)).surprises.shape == (0,)
+
+
 def _bytes(found: Registered) -> list[bytes]:
     poses = [(pose.rotation.tobytes(), pose.translation_m.tobytes()) for pose in found.object_from_camera]
     return [*itertools.chain(*poses), found.posterior.tobytes(), found.common.tobytes(), found.stds.tobytes()]
