@@ -38,6 +38,18 @@ def same(a: RotationAxis | None, b: RotationAxis) -> bool:
 # --- what is derived -------------------------------------------------------------------------
 
 
+def test_another_axis_derives_everything_again() -> None:
+    made = Integration(Cylinder(angles_deg=(0.0, 20.0, 40.0)))
+    before = made.views.flattening(1), made.views.cloud(1)
+    made.views.turn_about(SHIFTED)
+    assert made.axis is SHIFTED
+    after = made.views.flattening(1), made.views.cloud(1)
+    assert after[0] is not before[0]
+    assert not np.allclose(after[1].xyz_m, before[1].xyz_m)
+    made.views.turn_about(AXIS)
+    np.testing.assert_array_equal(made.views.cloud(1).xyz_m, before[1].xyz_m)
+
+
 def test_the_agreement_tells_a_good_axis_from_a_bad_one() -> None:
     made = Integration(Cylinder(angles_deg=tuple(20.0 * n for n in range(18))))
     good = made.views.axis_agreement()
