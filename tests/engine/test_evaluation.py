@@ -8,7 +8,7 @@ from garment_evidence import blank_view
 
 from flatcloth.core.errors import EvaluationError
 from flatcloth.core.types import FlattenedView, Intrinsics, RgbdFrame, Rigid2
-from flatcloth.engine.evaluation import Evaluation, compare
+from flatcloth.engine.evaluation import Evaluation, compare, trimmed_fit
 
 SIZE = 200
 PIXEL = 0.002
@@ -89,6 +89,14 @@ def test_a_mirror_is_not_forgiven() -> None:
     sheet = FlatSheet()
     sheet.flat = sheet.flat[:, ::-1].copy()
     assert figures(result(sheet), sheet).absolute_median_mm > 50
+
+
+def test_a_rigid_motion_is_and_the_worst_tenth_does_not_bend_the_fit() -> None:
+    points = np.random.default_rng(0).uniform(-0.3, 0.3, (1000, 2))
+    target = Rigid2(2.1, 0.4, -0.1).apply(points)
+    target[:80] += 0.3
+    fitted = trimmed_fit(points, target)
+    np.testing.assert_allclose(fitted[80:], target[80:], atol=1e-9)
 
 
 def test_a_hinge_spoils_the_absolute_figure_and_hardly_the_relative_one() -> None:
