@@ -1,7 +1,7 @@
 # make demo    the operator page on a bundled recording; sets everything up the first time
 # make test    linters, types and all tests, as CI runs them
-# make thorough  the page on further screens, sessions under torture (kills, damages, full disks; the counts
-#                are printed), and twenty times as many random cases, others each time
+# make thorough  the page on further screens, a shape as an older processor has it, sessions under torture (kills,
+#                damages, full disks; the counts are printed), and twenty times as many random cases
 # make lint    linters and types only
 # make format  Python, the page's modules and its message types, as the linters want them
 # make fuzz    2,500 damaged and hostile inputs; those that make the program fail are kept in fuzz-failures

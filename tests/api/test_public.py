@@ -27,11 +27,6 @@ def test_each_public_name_is_there_and_described(name: str) -> None:
     assert name == "__version__" or f"`{name}" in (ROOT / "docs" / "api.md").read_text()
 
 
-def test_an_unknown_name_is_no_attribute() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'integrat'"):
-        flatcloth.integrat  # noqa: B018
-
-
 def test_importing_loads_nothing_else() -> None:
     loaded = json.loads(
         run(

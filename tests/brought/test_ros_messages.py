@@ -141,8 +141,11 @@ PACKED: dict[str, Callable[[int], Image | Compressed]] = {
 }
 
 
-@pytest.mark.parametrize("name", ["take.bag", "take.mcap"])
-@pytest.mark.parametrize("form", PACKED)
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [("take.bag", "padded rows"), ("take.bag", "16UC1; compressedDepth rvl")]
+    + [("take.mcap", form) for form in PACKED],
+)
 def test_depth_is_read_in_each_encoding(tmp_path: Path, name: str, form: str) -> None:
     suffix = "/compressedDepth" if isinstance(PACKED[form](0), Compressed) else ""
     found = taken(opened(write(tmp_path / name, messages(PACKED[form], DEPTH + suffix))))

@@ -10,8 +10,6 @@ from garment_meshes import arc, write_obj
 
 from flatcloth.cli import main
 from flatcloth.commands.view import Options, opened_place
-from flatcloth.core.resources import sample_mesh
-from flatcloth.synthesis.meshes import read_mesh
 from flatcloth.viewer.places import Places
 
 
@@ -56,12 +54,6 @@ def test_what_cannot_be_is_told_in_one_line(
     error = capsys.readouterr().err
     assert why in error
     assert error.count("\n") == 1
-
-
-def test_the_bundled_mesh_is_a_garment_with_two_sides() -> None:
-    mesh = read_mesh(sample_mesh())
-    assert mesh.group_names == ("front", "back")
-    assert sample_mesh().stat().st_size < 500_000
 
 
 def test_the_start_screen_opens_the_bundled_cell_with_its_first_view_in_the_users_sessions(

@@ -35,21 +35,6 @@ def about(megabytes: float) -> object:
     return pytest.approx(megabytes * MB, abs=5000)
 
 
-def test_a_value_is_made_once_and_kept() -> None:
-    memory: Cache[int] = Cache(3)
-    made: list[int] = []
-
-    def make(n: int) -> int:
-        made.append(n)
-        return n
-
-    for n in (0, 1, 0, 1):
-        assert memory.get(n, lambda n=n: make(n)) == n  # type: ignore[misc]
-    assert made == [0, 1]
-    assert 0 in memory
-    assert 2 not in memory
-
-
 def test_what_was_used_longest_ago_is_forgotten_first() -> None:
     memory: Cache[int] = Cache(2)
     for n in (0, 1):
@@ -71,22 +56,6 @@ def test_the_bytes_of_all_values_are_bounded() -> None:
     assert [key for key, _ in memory.items()] == ["large"]
     memory.put("next", value(1))
     assert [key for key, _ in memory.items()] == ["next"]
-
-
-def test_what_is_kept_is_used_by_asking_for_it_and_sizes_may_be_counted_otherwise() -> None:
-    memory: Cache[int] = Cache(9, most_bytes=10, size=lambda number: number)
-    for n in (4, 5):
-        memory.put(n, n)
-    assert memory.kept(4) == 4
-    assert memory.kept(6) is None
-    memory.put(6, 6)
-    assert memory.items() == [(4, 4), (6, 6)]
-
-
-def test_a_value_that_another_thread_put_first_stays() -> None:
-    memory: Cache[int] = Cache(2, most_bytes=1000)
-    assert memory.put("key", 1) == 1
-    assert memory.put("key", 2) == 1
 
 
 @pytest.mark.parametrize("error", [None, RecordingError("damaged")])
@@ -127,12 +96,6 @@ def test_a_part_of_an_array_counts_as_all_that_it_keeps_alive() -> None:
     pixels = np.zeros((1000, 1000), dtype=np.float32)
     assert size_in_bytes(pixels[:10, ::2].T) == 4 * MB
     assert size_in_bytes(pixels[:10].copy()) == 40_000
-
-
-def test_circles_of_references_are_no_trap() -> None:
-    circle: list[object] = [np.zeros(MB, dtype=np.uint8)]
-    circle.append(circle)
-    assert size_in_bytes(circle) == about(1)
 
 
 @pytest.mark.parametrize("error", [RecordingError("damaged"), IndexError("a fault of the program")])

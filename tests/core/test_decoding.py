@@ -22,11 +22,6 @@ class Whole(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str = ""
 
 
-def test_a_text_is_read_as_its_type() -> None:
-    text = b'{"parts": [{"size_m": 2, "at": [1, 2.5, -3]}], "name": "hem \\ud83d\\udc55"}'
-    assert decoded(text, Whole) == Whole((Part(2.0, (1.0, 2.5, -3.0)),), "hem \U0001f455")
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [

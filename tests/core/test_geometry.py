@@ -13,7 +13,6 @@ from flatcloth.core.geometry import (
     Rigid3,
     back_project,
     camera_from_object,
-    height_m,
     object_from_camera,
     rotation_about,
     z_angle_deg,
@@ -68,20 +67,7 @@ def test_lengths_and_handedness_are_kept(a: Rigid3, x: np.ndarray, y: np.ndarray
     np.testing.assert_allclose(a.turn(np.cross(x, y)), np.cross(a.turn(x), a.turn(y)), atol=1e-11)
 
 
-@given(motions(), VECTORS, VECTORS)
-def test_a_point_is_moved_and_its_normal_only_turned(a: Rigid3, x: np.ndarray, n: np.ndarray) -> None:
-    point, normal = a.apply_with_normal(x, n)
-    np.testing.assert_array_equal(point, a.apply(x))
-    np.testing.assert_allclose(normal, a.apply(n) - a.translation_m, atol=1e-12)
-
-
 # --- rotations ------------------------------------------------------------------------------------
-
-
-def test_the_right_hand_rule() -> None:
-    np.testing.assert_allclose(
-        rotation_about(np.array([0.0, 0.0, 1.0]), math.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15
-    )
 
 
 def test_a_positive_angle_moves_what_faces_the_camera_to_the_right_of_the_image() -> None:
@@ -101,23 +87,12 @@ def test_points_seen_in_any_view_coincide_in_the_held_frame(
     np.testing.assert_allclose(camera_from_object(axis, 0.0).apply(x), x, atol=1e-14)
 
 
-def test_height_is_zero_at_the_axis_point_and_grows_upwards() -> None:
-    assert height_m(UPRIGHT.point_m, UPRIGHT) == 0
-    assert height_m(UPRIGHT.point_m + np.array([0.3, -0.1, 0.2]), UPRIGHT) == pytest.approx(0.1)
-
-
 # --- Z-angle --------------------------------------------------------------------------------------
 
 
 def test_a_normal_that_faces_the_camera_has_zero_and_one_to_the_right_is_positive() -> None:
     normals = np.array([[0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 0, 1], [1, 0, -1]], dtype=float)
     np.testing.assert_allclose(z_angle_deg(normals, UPRIGHT), [0, 90, -90, 180, 45], atol=1e-12)
-
-
-@given(st.floats(-1.2, 1.2))
-def test_the_slope_up_or_down_does_not_matter(slope: float) -> None:
-    normal = np.array([math.sin(0.5), slope, -math.cos(0.5)])
-    assert z_angle_deg(normal, UPRIGHT) == pytest.approx(math.degrees(0.5))
 
 
 @given(standing_axes(), directions(), ANGLES_DEG)
@@ -130,10 +105,6 @@ def test_turning_the_item_adds_the_rotation(axis: RotationAxis, normal: np.ndarr
     again = (by_formula - z_angle_deg(normal, axis) - angle_deg + 180) % 360 - 180
     assert again == pytest.approx(0, abs=1e-8)
     assert -180 < by_formula <= 180
-
-
-def test_a_normal_that_is_unknown_has_no_z_angle() -> None:
-    assert np.isnan(z_angle_deg(np.full(3, np.nan), UPRIGHT))
 
 
 # --- back-projection ------------------------------------------------------------------------------

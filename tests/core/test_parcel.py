@@ -39,12 +39,6 @@ def test_arrays_begin_where_a_browsers_arrays_may() -> None:
     assert data[LENGTHS.size + text + 8 :] == np.ones(2).tobytes()
 
 
-def test_a_type_that_is_asked_for_is_converted_to() -> None:
-    parcel = Parcel()
-    parcel.array("mm", np.array([1.0, 2.0]), "int16")
-    assert unpack(io.BytesIO(parcel.pack()).read)[1]["mm"].dtype == np.int16
-
-
 def test_numbers_that_a_page_cannot_read_are_refused_unless_allowed() -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         record({"x": np.nan})

@@ -9,15 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from flatcloth.core.plain_files import check_replacing, open_plain, read_plain, replace_file
-
-
-def test_a_file_is_read(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(b"cloth")
-    assert read_plain(tmp_path / "a") == b"cloth"
-    assert read_plain(tmp_path / "a", most_bytes=5) == b"cloth"
-    with open_plain(tmp_path / "a") as file:
-        assert (file.read(2), file.seek(0), file.read()) == (b"cl", 0, b"cloth")
+from flatcloth.core.plain_files import check_replacing, read_plain, replace_file
 
 
 def sparse(path: Path) -> None:

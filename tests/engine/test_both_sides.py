@@ -56,26 +56,6 @@ def test_the_other_side_lies_where_the_pattern_has_it(shape, place: str):
     assert found.other.wrong_side_share < 0.05
 
 
-def test_every_view_of_the_other_side_is_used_where_its_cloth_hangs(shape):
-    _, other, its = shape.data.garments.other(shape.data.document)
-    assert len(its.used_views) > 0.9 * len(other.recording)
-    assert not its.placed_components  # none was searched
-
-
-def test_where_the_cameras_stood_is_known_without_flattening_views_again(shape, monkeypatch):
-    _, other, its = shape.data.garments.other(shape.data.document)
-    monkeypatch.setattr(other.views, "flattening", lambda _: pytest.fail("a view is flattened again"))
-    poses, own = (each.poses(done) for each, done in ((other.algorithm, its), _own(shape)))
-    assert poses.keys() == its.used_views
-    for view in poses.keys() & own.keys():  # a camera is the same for both sides
-        assert np.allclose(poses[view].rotation, own[view].rotation, atol=1e-9)
-        assert np.allclose(poses[view].translation_m, own[view].translation_m, atol=1e-9)
-
-
-def _own(shape):
-    return shape.data.integration.algorithm, shape.data.document
-
-
 def test_a_place_on_a_seam_is_one_place_of_both_planes(shape):
     motion = shape.this_from_other
     assert np.linalg.det(motion[:2, :2]) == pytest.approx(-1.0)  # a mirror

@@ -1,13 +1,11 @@
 from __future__ import annotations
 
 from functools import partial
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from scenes import AXIS, Cylinder
-from sheet_runs import SHEET, STEPS, done, errors_m, shared
+from sheet_runs import STEPS, done, errors_m, shared
 from sheet_runs import integration as sheet_integration
 
 from flatcloth.core.config import Config, FlatteningConfig
@@ -53,45 +51,6 @@ def test_a_view_that_is_planned_has_its_reason_though_it_was_chosen_by_hand_befo
     assert made.proposal(proposed.document).plan.view_index == planned
 
 
-@pytest.mark.parametrize("folded_share", [0.0, 0.5, None])
-def test_whether_a_view_is_folded_is_remembered_when_it_is_released(
-    folded_share: float | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    flattened: list[int] = []
-
-    def flattening(view_index: int) -> Any:
-        flattened.append(view_index)
-        if folded_share is None:
-            raise FlatteningError("It shows too little cloth.")
-        component = SimpleNamespace(view=SimpleNamespace(area_m2=0.1), folded_share=folded_share)
-        return SimpleNamespace(components=(component,))
-
-    views = integration().views
-    monkeypatch.setattr(views, "flattening", flattening)
-    for _ in range(2):
-        assert views.unfolded_area_m2(3) == (0.1 if folded_share == 0.0 else 0.0)
-        views.release({3})
-    assert flattened == [3]
-    views.turn_about(views.axis)  # what depends on the axis is asked again
-    assert views.unfolded_area_m2(3) == (0.1 if folded_share == 0.0 else 0.0)
-    assert flattened == [3, 3]
-
-
-def test_unattended_two_threads_read_the_views_and_each_is_read_once() -> None:
-    reads: list[int] = []
-
-    class Counted(Cylinder):
-        def __getitem__(self, view_index: int) -> Any:
-            reads.append(view_index)
-            return super().__getitem__(view_index)
-
-    made = Integration(Counted(**SHEET), method="paper")  # type: ignore[arg-type]
-    made.views.keep_frames()
-    areas = made.views.observed_areas_m2()
-    assert sorted(reads) == list(range(len(STEPS)))
-    np.testing.assert_array_equal(areas, shared("paper").views.observed_areas_m2())
-
-
 def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
     made = integration()
     state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
@@ -102,19 +61,6 @@ def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
     exact = np.radians(200) * 0.12 * 0.2
     assert view.area_m2 == pytest.approx(exact, rel=0.08)
     assert np.percentile(errors_m(view), 95) < 0.004
-
-
-def test_undo_is_exact_and_costs_nothing() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose())
-    before = made.canonical(state.document)
-    pending = state.document.pending
-    assert pending is not None
-    state = apply(state, Accept(pending.view_index))
-    assert made.canonical(state.document).view.area_m2 > before.view.area_m2
-    state = apply(state, Undo())
-    assert made.canonical(state.document) is before
-    assert state.document.pending == pending
 
 
 def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:

@@ -50,11 +50,6 @@ def test_a_frame_without_cloth_is_an_error_and_the_next_one_starts_anew() -> Non
     assert live.newest().view.valid.any()
 
 
-def test_only_the_finest_interval_is_used() -> None:
-    config = Config(flattening=FlatteningConfig(sampling_intervals_px=(24, 12, 6)))
-    assert flattening([Cylinder()[0]], config).newest().view.area_m2 > 0.05
-
-
 def test_stretch_shows_where_cloth_that_is_no_developable_sheet_had_to_give() -> None:
     from scenes import rays
 

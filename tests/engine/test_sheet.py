@@ -10,7 +10,7 @@ import pytest
 from garment_evidence import blank_view
 
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, PLACED, label_of, lay_out, with_placed_pieces
+from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, PLACED, lay_out, with_placed_pieces
 from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.methods.answers import Canonical
 
@@ -29,14 +29,6 @@ def patch(rows: int, cols: int, origin_uv_m: tuple[float, float], view_index: in
 
 def canonical(*floating: FlattenedView) -> Canonical:
     return Canonical(view=patch(100, 60, (-0.1, 0.3)), current_from_view={}, floating=floating)
-
-
-def test_without_pieces_the_sheet_is_the_shape() -> None:
-    made = canonical()
-    sheet = lay_out(made)
-    assert sheet.view is made.view
-    assert (sheet.piece == 0).all()
-    assert (sheet.pieces, sheet.floating_m2) == ((), 0.0)
 
 
 def test_far_pieces_come_beside_the_shape_the_largest_first_and_none_covers_another() -> None:
@@ -101,10 +93,6 @@ def test_a_placement_far_from_all_cloth_is_shown_beside_the_shape() -> None:
     shown = sheet.shown(Rigid2(0.0, 10.0, 0.0), center)
     assert sheet.view.origin_uv_m[0] < shown.apply(center)[0] < 0.3
     assert sheet.meant(shown, center) == shown
-
-
-def test_pieces_are_lettered_on_after_z() -> None:
-    assert [label_of(n) for n in (0, 1, 25, 26, 27)] == ["A", "B", "Z", "AA", "AB"]
 
 
 def test_a_piece_placed_by_the_garment_lies_on_the_shape_and_is_found_there() -> None:

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from scenes import Cylinder
 
-from flatcloth.core.config import Config
 from flatcloth.core.errors import AlignmentError, CancelledError, ConfigError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.teaching import KEPT, NEW, NEW_OF_BOTH, OLD_OF_BOTH, Parameters, Teaching, paper_config
+from flatcloth.engine.teaching import KEPT, NEW, NEW_OF_BOTH, OLD_OF_BOTH, Teaching, paper_config
 from flatcloth.methods.registry import method_names
 from flatcloth.session.document import Document, Pending
 from flatcloth.session.machine import Request
@@ -51,17 +50,6 @@ def test_a_number_that_cannot_be_shown_is_named(teaching, change, named):
         replace(teaching.defaults, **change)
 
 
-def test_the_configuration_is_the_papers_with_the_learners_numbers():
-    base = Config()
-    given = Parameters(sampling_interval_px=16, z_angle_limit_deg=35.0, overlap_area_m2=0.01)
-    config = paper_config(base, given)
-    assert config.flattening.sampling_intervals_px == (16, 8)
-    assert config.flattening.interpolation == "delaunay"
-    assert config.flattening.least_core_samples == 0
-    assert (config.planning.z_angle_limit_deg, config.planning.overlap_area_m2) == (35.0, 0.01)
-    assert (config.surface, config.alignment) == (base.surface, base.alignment)
-
-
 def test_every_neighbour_is_a_pair_or_an_unused_pair(teaching):
     lesson = teaching.flattening(0, teaching.defaults)
     for level, unused in zip(lesson.flattening.levels, lesson.unused_pairs, strict=True):
@@ -77,13 +65,6 @@ def test_every_neighbour_is_a_pair_or_an_unused_pair(teaching):
         }
         assert used.isdisjoint(left_out)
         assert used | left_out == neighbours
-
-
-def test_another_interval_is_another_flattening_and_comes_from_memory_the_second_time(teaching):
-    coarse = replace(teaching.defaults, sampling_interval_px=20)
-    lesson = teaching.flattening(0, coarse)
-    assert [level.sampling_interval_px for level in lesson.flattening.levels] == [20, 10]
-    assert teaching.flattening(0, replace(coarse, overlap_area_m2=0.02)).flattening is lesson.flattening
 
 
 @pytest.mark.parametrize("method", method_names())
@@ -140,14 +121,6 @@ def test_the_renewed_view_tells_which_view_shows_each_pixel(teaching):
     assert all(np.any(origin == kind) for kind in (KEPT, NEW, NEW_OF_BOTH))
     # The plane is that of the new view: what it alone shows lies where it lay.
     assert lesson.renewed.current_from_view[lesson.view_index] == Rigid2()
-
-
-def test_an_overlap_that_leads_to_the_same_view_needs_no_new_search(teaching):
-    lesson = teaching.alignment(0, teaching.defaults)
-    nearby = replace(teaching.defaults, overlap_area_m2=1.0001 * teaching.defaults.overlap_area_m2)
-    assert teaching.alignment(0, nearby) is lesson
-    narrower = replace(teaching.defaults, z_angle_limit_deg=45.0)
-    assert teaching.alignment(0, narrower) is not lesson
 
 
 def test_a_recording_with_nothing_to_add_says_so():

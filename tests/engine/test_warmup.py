@@ -53,21 +53,6 @@ def test_kernels_are_compiled_when_they_are_kept_on_disk_since_the_source_change
     assert not warmup.is_compiled()
 
 
-def test_two_processes_compile_different_shares_only_where_that_is_missing(index: Path) -> None:
-    warmup.compile_beside()
-    started: list[Any] = list(warmup._beside)
-    assert [process.command[1:] for process in started] == [
-        ["-m", "flatcloth.engine.warmup", "0"],
-        ["-m", "flatcloth.engine.warmup", "1"],
-    ]
-    warmup.compile_beside()
-    assert warmup._beside == started
-    warmup._beside.clear()
-    index.write_bytes(b"")
-    warmup.compile_beside()
-    assert warmup._beside == []
-
-
 def test_what_needs_kernels_waits_until_the_processes_end_and_can_be_cancelled(index: Path) -> None:
     warmup.compile_beside()
     started: list[Any] = list(warmup._beside)
@@ -87,29 +72,6 @@ def test_what_needs_kernels_waits_until_the_processes_end_and_can_be_cancelled(i
     warmup.wait_until_compiled(progress)
     assert not warmup.is_compiling()
     assert told == [(0.0, "compiling, first start only: 0 of 1 functions")] * 2
-
-
-def test_the_first_picture_waits_only_for_what_it_needs(index: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = Kernel("fake.function", [], 1.0, first=True)
-    later = SimpleNamespace(first=False, is_kept=False)
-    monkeypatch.setattr(warmup, "kernels", lambda: (first, later))
-    warmup.compile_beside()
-    told: list[str] = []
-
-    def progress(_share: float, text: str) -> None:
-        told.append(text)
-        index.write_bytes(b"")
-
-    warmup.wait_until_compiled(progress, first=True)
-    assert told == ["compiling, first start only: 0 of 1 functions"]
-    assert warmup.is_compiling()
-
-
-def test_each_share_begins_with_what_the_first_picture_needs() -> None:
-    for share in table.shares(2):
-        needed = [kernel.first for kernel in share]
-        assert any(needed)
-        assert needed == sorted(needed, reverse=True)
 
 
 def test_the_shares_are_the_whole_table_and_take_about_as_long() -> None:

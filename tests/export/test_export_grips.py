@@ -30,14 +30,6 @@ def test_a_grip_comes_back_with_the_session(tmp_path: Path) -> None:
     assert read_grips(tmp_path) == {10: Grip(opening_m=0.02)}
 
 
-def test_in_memory_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    book = GripStore()
-    book.set(1, SIDEWAYS)
-    assert book.get(1) == SIDEWAYS
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("opening_m", [0.0, -0.04, 5.0, math.nan, math.inf])
 def test_an_opening_that_no_gripper_has_is_refused_and_changes_nothing(
     tmp_path: Path, opening_m: float

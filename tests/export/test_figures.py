@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import math
 import re
 import zipfile
 from dataclasses import replace
@@ -14,8 +13,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from garment_evidence import blank_view
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.figure import Figure as Drawing
 from PIL import Image
 
@@ -27,8 +24,8 @@ from flatcloth.export.figures import all_figures, garment, maps, plan_of, side_o
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import Plan
-from flatcloth.rendering.drawing import add_ramp, drawn, nice_below, painted, show_picture, svg_of
-from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, PlanePicture, cropped, laid_on
+from flatcloth.rendering.drawing import drawn, painted, show_picture, svg_of
+from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, PlanePicture, laid_on
 from flatcloth.session.document import Document
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -68,34 +65,6 @@ def test_text_is_escaped_and_read_aloud_and_dollar_signs_are_no_formula() -> Non
         assert said in texts_of(drawing)
 
 
-# --- scales ---------------------------------------------------------------------------------------
-
-
-@given(st.floats(1e-9, 1e9))
-def test_a_scale_bar_is_round_and_fits(value: float) -> None:
-    nice = nice_below(value)
-    assert 0.39 * value <= nice <= value * (1 + 1e-9)
-    assert f"{nice:.0e}"[0] in "125"
-
-
-@pytest.mark.parametrize(("low", "high"), [(3.0, 3.0), (math.nan, 1.0), (-1300.0, 0.0), (0.01, 0.03)])
-def test_a_ramp_has_the_ticks_of_its_range(low: float, high: float) -> None:
-    drawing, (axes,) = drawn(100, 200, "")
-    axes.set_axis_off()
-    add_ramp(axes, "", ["#000000", "#ff0000"], low, high)
-    found = [float((text or "").replace("\u2212", "-")) for text in texts_of(drawing)]
-    if not math.isfinite(low):
-        assert found == []
-    elif low == high:
-        assert found == [low]
-    else:
-        assert 3 <= len(found) <= 9
-        assert low <= min(found) < max(found) <= high
-    image = pixels(drawing)
-    black, red = ((image == color).all(axis=2).nonzero()[0] for color in ((0, 0, 0), (255, 0, 0)))
-    assert np.median(black) > np.median(red)  # the first colour is at the bottom
-
-
 # --- pictures of the plane ------------------------------------------------------------------------
 
 
@@ -118,14 +87,6 @@ def test_a_proposal_lies_on_the_shape_where_it_belongs() -> None:
     np.testing.assert_allclose(picture.rgba[5, 2, :3], tinted, atol=1)  # what it adds
     assert picture.rgba[0, 0, 3] == 0
     assert (picture.rgba[9, 12, :3] > 150).all()  # the shape, pale
-
-
-def test_a_picture_loses_its_empty_rim() -> None:
-    valid = np.zeros((30, 40), bool)
-    valid[10:15, 20:30] = True
-    picture = cropped(np.zeros((30, 40, 4), np.uint8), view_of(valid, (0, 0), 0), margin_px=2)
-    assert picture.rgba.shape == (9, 14, 4)
-    assert picture.origin_uv_m == pytest.approx((0.036, 0.016))
 
 
 # --- the figures of a session ---------------------------------------------------------------------

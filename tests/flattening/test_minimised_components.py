@@ -1,13 +1,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from flatcloth.flattening.bands import PairForm, order_of
-from flatcloth.flattening.flatten import Level, _solve_level
 from flatcloth.flattening.minimisation import minimise
-from flatcloth.flattening.sampling import Samples
 
 Sheet = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]
 
@@ -24,15 +21,6 @@ def sheet(rows: int, cols: int, seed: int = 0) -> Sheet:
     return start, edges, lengths * (1.0 + 0.01 * random.standard_normal(lengths.size))
 
 
-def together(*sheets: Sheet) -> tuple[Sheet, NDArray[np.int32]]:
-    """The points of some sheets in one list, and whose they are."""
-    first = np.cumsum([0, *(len(start) for start, _, _ in sheets)])
-    component = np.repeat(np.arange(len(sheets), dtype=np.int32), np.diff(first))
-    edges = np.concatenate([of[1] + first[k] for k, of in enumerate(sheets)]).astype(np.int32)
-    start, lengths = (np.concatenate([of[k] for of in sheets]) for k in (0, 2))
-    return (start, edges, lengths), component
-
-
 def shuffled(one: Sheet, seed: int = 7) -> tuple[Sheet, NDArray[np.int64]]:
     """The same sheet with its points in another order, and where each point has gone."""
     start, edges, lengths = one
@@ -40,48 +28,6 @@ def shuffled(one: Sheet, seed: int = 7) -> tuple[Sheet, NDArray[np.int64]]:
     moved = np.empty_like(start)
     moved[place] = start
     return (moved, place[edges].astype(np.int32), lengths), place
-
-
-def shown(*sheets: Sheet) -> Samples:
-    """The points of some sheets as samples of one view."""
-    (start, edges, lengths), _ = together(*sheets)
-    nothing = np.zeros((len(start), 3))
-    return Samples(
-        sampling_interval_px=6,
-        points_rc=np.zeros((len(start), 2), dtype=np.int32),
-        points_m=nothing,
-        normal=nothing,
-        edges=edges,
-        edge_length_m=lengths,
-    )
-
-
-def solved(*sheets: Sheet, least: int = 1, record: bool = False) -> tuple[Level, list[NDArray[np.float64]]]:
-    """Return a level of these sheets, and its points by sheet."""
-    (start, _, _), component = together(*sheets)
-    level = _solve_level(shown(*sheets), start, least, record)
-    return level, [level.uv_m[component == k] for k in range(len(sheets))]
-
-
-def test_components_are_minimised_as_each_alone_and_the_largest_is_the_first() -> None:
-    sheets = [sheet(3, 7, 1), sheet(12, 5), sheet(1, 2, 2), sheet(32, 32, 3)]
-    level, found = solved(*sheets)
-    for one, uv in zip(sheets, found, strict=True):
-        alone = minimise(*one, majorisations=6, energy_tolerance=2e-3).uv_m
-        np.testing.assert_allclose(uv, alone, rtol=0, atol=1e-12)  # sums of several begin elsewhere
-    assert level.component[-1] == 0
-    assert level.energy == pytest.approx(minimise(*sheets[3], majorisations=6, energy_tolerance=2e-3).energy)
-    assert level.states == ()
-
-
-def test_small_components_and_points_without_pairs_stay_where_they_were() -> None:
-    alone = np.array([[0.1, 0.2]]), np.zeros((0, 2), dtype=np.int32), np.zeros(0)
-    sheets = [sheet(4, 4), sheet(3, 3, 1), alone]
-    _, (large, small, single) = solved(*sheets, least=10)
-    assert np.abs(large - sheets[0][0]).max() > 1e-3
-    np.testing.assert_array_equal(small, sheets[1][0])
-    _, (_, _, single) = solved(*sheets)
-    np.testing.assert_array_equal(single, alone[0])
 
 
 def test_the_order_of_the_points_does_not_change_the_result() -> None:

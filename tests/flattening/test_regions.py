@@ -15,7 +15,6 @@ from flatcloth.flattening.patches import (
     median,
 )
 from flatcloth.flattening.ramps import fill_dropouts, long_ones, regions_with
-from flatcloth.flattening.surface import _label_regions
 
 
 def image(*rows: str) -> np.ndarray:
@@ -41,12 +40,6 @@ def test_a_step_is_marked_up_to_the_limit_in_either_direction() -> None:
     steps = find_steps(inverse, 0.1)
     assert steps.tolist() == [[STEPS_BOTH, 0, STEP_DOWN], [0, 0, 0]]
     assert find_steps(inverse, 0.12)[0].tolist() == [STEPS_BOTH, STEP_RIGHT, STEP_DOWN]
-
-
-def test_regions_of_an_image_are_numbered_by_their_first_pixel() -> None:
-    measured = image("##.#", "..##", "#..#")
-    steps = find_steps(np.where(measured, 1.0, 0.0), 0.1)
-    assert _label_regions(steps, measured).tolist() == [[0, 0, -1, 1], [-1, -1, 1, 1], [2, -1, -1, 1]]
 
 
 @pytest.mark.parametrize("values", [[3.0], [4.0, 1.0], [5.0, 1.0, 4.0], [7.0, 1.0, 2.0, 4.0]])

@@ -60,11 +60,6 @@ def test_a_kind_set_by_hand_is_the_answer_and_brings_its_own_points(skirt: Skirt
     assert changed.probabilities == found.probabilities
 
 
-def test_without_decisions_nothing_changes(skirt: Skirt) -> None:
-    evidence, view, found = skirt
-    assert decided(found, [evidence], view, None) == found
-
-
 def sheet_view(valid: np.ndarray) -> FlattenedView:
     sheet: FlattenedView = blank_view(valid, 0.004)
     return sheet

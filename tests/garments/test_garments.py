@@ -16,7 +16,7 @@ from flatcloth.flattening.sampling import CORRELATED_M
 from flatcloth.garments.distance import inside_outline, outside, poses_within, straight_inside, to_edges
 from flatcloth.garments.evidence import PieceEvidence, evidence_of
 from flatcloth.garments.fit import TEMPERATURE, crossing_energy, refine, starts
-from flatcloth.garments.kinds import kind_named, known_kinds
+from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.model import with_slope
 from flatcloth.garments.named_points import Point, dimensions_of
 from flatcloth.garments.recognition import (
@@ -40,10 +40,6 @@ KINDS = (
 
 
 # ------------------------------------------------------------------ outlines
-
-
-def test_the_seven_kinds_are_known_by_their_modules() -> None:
-    assert tuple(kind.name for kind in known_kinds()) == KINDS
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -78,22 +74,6 @@ def test_named_points_lie_on_the_outline_and_dimensions_name_them(name: str) -> 
         assert {a, b} <= set(named)
     left = [point for point in named if point.endswith("_left")]
     assert all(named[point][0, 0] < 0 < named[point.replace("_left", "_right")][0, 0] for point in left)
-
-
-def test_names_are_those_of_the_field() -> None:
-    named = {name: set(kind_named(name).named(kind_named(name).mean[:, None])) for name in KINDS}
-    assert named["towel"] == {"corner_0", "corner_1", "corner_2", "corner_3"}
-    assert named["skirt"] == {"waist_left", "waist_right", "hem_left", "hem_right"}
-    assert "crotch" in named["shorts"]
-    assert named["shorts"] == named["trousers"]
-    assert {
-        "neck_left",
-        "shoulder_left",
-        "sleeve_top_left",
-        "sleeve_bottom_left",
-        "armpit_left",
-        "waist_left",
-    } < (named["tshirt"])
 
 
 @pytest.mark.parametrize("name", KINDS)

@@ -17,7 +17,7 @@ from flatcloth.export.data import read_shape
 from flatcloth.flattening.resampling import place
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method, Views
-from flatcloth.methods.registry import METHODS, load_method, method_name, method_names
+from flatcloth.methods.registry import METHODS, method_name
 from flatcloth.session.document import Document, Later, Side
 
 MOST_VIEWS = 3
@@ -87,15 +87,6 @@ def test_a_registered_method_runs_from_the_command_line(
     shape = read_shape(tmp_path / "s" / "flattened.npz")
     assert set(np.unique(shape.view_index[shape.valid])) == {outcome["start_view"]}
     assert "side-by-side" not in capsys.readouterr().err
-
-
-def test_the_default_is_the_first_method() -> None:
-    assert method_name() == method_names()[0] == "robust"
-
-
-@pytest.mark.parametrize("name", method_names())
-def test_every_method_is_loaded_under_its_own_name(name: str) -> None:
-    assert load_method(name).name == name
 
 
 def test_an_unknown_name_tells_which_there_are() -> None:

@@ -21,7 +21,6 @@ from flatcloth.session.machine import (
     Nudge,
     Phase,
     Propose,
-    Proposed,
     Reject,
     SessionState,
     Start,
@@ -121,16 +120,6 @@ def test_a_placement_by_hand_is_kept_against_what_space_says() -> None:
     assert abs(shifted.area_m2 - straight.area_m2) == pytest.approx(0.05 * 0.2, rel=0.2)
 
 
-def test_the_plan_promises_new_cloth_and_says_so() -> None:
-    made = integration()
-    state = done(made, SessionState(len(STEPS)), Start(0))
-    plan = made.plan(state.document)
-    assert plan.view_index is not None
-    assert plan.candidates[0].view_index == plan.view_index
-    assert plan.candidates[0].new_m2 > 0.01
-    assert "cm2 new" in plan.reason
-
-
 def test_what_a_further_view_promises_decides_and_the_number_of_views_of_a_limited_run() -> None:
     made = integration(Config(robust=RobustConfig(most_views=2)))
     state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
@@ -144,12 +133,3 @@ def test_what_a_further_view_promises_decides_and_the_number_of_views_of_a_limit
     plan = short.plan(document)
     assert plan.view_index is None
     assert plan.reason.startswith("The limit of 1 views is reached;")
-
-
-def test_a_proposal_event_carries_the_confidence() -> None:
-    made = integration()
-    state = apply(done(made, SessionState(len(STEPS)), Start(0)), Propose())
-    assert state.request is not None
-    event = made.answer(state.document, state.request)
-    assert isinstance(event, Proposed)
-    assert 0.5 < event.score <= 1.0

@@ -38,11 +38,6 @@ def test_each_mend_is_kept_as_json_and_makes_another_recording(recording, mends)
     assert fingerprint(mended(recording, mends)) != fingerprint(recording)
 
 
-def test_nothing_is_changed_without_mends(recording):
-    assert mended(recording, Mends()) is recording
-    assert not Mends()
-
-
 def test_a_manifest_gives_mends_as_text():
     row = {
         "reverse": "yes",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -37,6 +38,23 @@ def tilted(pitch_deg: float, roll_deg: float = 0.0) -> Float64:
     return direction / np.linalg.norm(direction)
 
 
+@lru_cache(64)
+def sphere_depth_m(point_m: tuple[float, ...], direction: tuple[float, ...], angle_deg: float) -> Float64:
+    x, y = rays()
+    ray = np.stack([x, y, np.ones_like(x)], axis=-1)
+    motion = camera_from_object(
+        RotationAxis(point_m=np.array(point_m), direction=np.array(direction)), angle_deg
+    )
+    depth = np.full(x.shape, np.inf)
+    for *center, radius in SPHERES:
+        at = motion.apply(np.add(center, (0.0, 0.0, 0.85)))
+        b, c = ray @ at, at @ at - radius**2
+        under = b**2 - (ray**2).sum(-1) * c
+        hit = (b - np.sqrt(np.where(under > 0, under, np.nan))) / (ray**2).sum(-1)
+        depth = np.fmin(depth, hit)
+    return depth
+
+
 @dataclass
 class Spheres:
     """Some spheres that turn about an axis beside them; exact depth, no masks, a wall behind if wanted."""
@@ -57,22 +75,14 @@ class Spheres:
         return len(self.angles_deg)
 
     def __getitem__(self, view_index: int) -> RgbdFrame:
-        x, y = rays()
-        ray = np.stack([x, y, np.ones_like(x)], axis=-1)
+        axis = self.turns_about
         angle = (self.true_angles_deg or self.angles_deg)[view_index]
-        motion = camera_from_object(self.turns_about, angle)
-        depth = np.full(x.shape, np.inf)
-        for *center, radius in SPHERES:
-            at = motion.apply(np.add(center, (0.0, 0.0, 0.85)))
-            b, c = ray @ at, at @ at - radius**2
-            under = b**2 - (ray**2).sum(-1) * c
-            hit = (b - np.sqrt(np.where(under > 0, under, np.nan))) / (ray**2).sum(-1)
-            depth = np.fmin(depth, hit)
+        depth = sphere_depth_m(tuple(axis.point_m), tuple(axis.direction), angle)
         seen = np.isfinite(depth)
         return RgbdFrame(
             view_index=view_index,
             angle_deg=self.angles_deg[view_index],
-            color=np.zeros((*x.shape, 3), dtype=np.uint8),
+            color=np.zeros((*depth.shape, 3), dtype=np.uint8),
             depth_m=np.where(seen, depth, self.wall_m).astype(np.float32),
             mask=seen if self.has_masks else None,
             intrinsics=CAMERA,
@@ -87,8 +97,17 @@ def hanging(recording: Spheres) -> Hanging:
     return resolve_axis(recording, recording.__getitem__, CONFIG)
 
 
+def test_the_views_looked_at_are_spread_over_the_turn() -> None:
+    assert choose_views([0.0, 20.0, -10.0]) == [0, 1, 2]
+    chosen = choose_views([0.5 * n for n in range(720)])
+    assert len(chosen) == 18
+    assert np.ptp(np.diff([0.5 * n for n in chosen])) <= 0.5
+    crowded = choose_views([0.1 * n for n in range(100)] + [90.0, 180.0, 270.0])
+    assert {100, 101, 102} <= set(crowded)
+
+
 @pytest.mark.parametrize(
-    "truth", [axis(), axis(x=-0.06, z=0.80), axis(pitch_deg=20.0), axis(pitch_deg=-15.0, roll_deg=6.0)]
+    "truth", [axis(x=-0.06, z=0.80), axis(pitch_deg=20.0), axis(pitch_deg=-15.0, roll_deg=6.0)]
 )
 def test_the_axis_of_exact_views_is_found(truth: RotationAxis) -> None:
     found = hanging(Spheres(truth))
@@ -102,7 +121,6 @@ def test_the_axis_of_exact_views_is_found(truth: RotationAxis) -> None:
 @pytest.mark.parametrize(
     "angles_deg",
     [
-        tuple(10.0 * n for n in range(36)),
         tuple(40.0 * n for n in range(9)),
         tuple(-60.0 * n for n in range(6)),
         (0.0, 20.0, 40.0),
@@ -132,12 +150,11 @@ def test_angles_that_err_by_a_degree_are_borne() -> None:
 def test_the_held_point_is_the_top_of_the_item() -> None:
     *center, radius = SPHERES[0]
     top = np.add(center, (0.0, -radius, 0.85))
-    for recorded in (None, axis()):
+    for recorded in (axis(), None):
         found = hanging(Spheres(axis(), rotation_axis=recorded))
         np.testing.assert_allclose(found.held_point_m, top, atol=0.012)
-    estimated = hanging(Spheres(axis())).axis
-    # The axis is given by its point at that height.
-    assert abs(estimated.point_m[1] - top[1]) < 0.012
+    # The estimated axis is given by its point at that height.
+    assert abs(found.axis.point_m[1] - top[1]) < 0.012
 
 
 def test_a_held_point_that_is_recorded_is_kept() -> None:
@@ -221,15 +238,6 @@ def test_views_that_show_nothing_are_left_out() -> None:
 
     found = resolve_axis(recording, nothing, CONFIG)
     assert "vertical through the top" in found.notes[0]
-
-
-def test_the_views_looked_at_are_spread_over_the_turn() -> None:
-    assert choose_views([0.0, 20.0, -10.0]) == [0, 1, 2]
-    chosen = choose_views([0.5 * n for n in range(720)])
-    assert len(chosen) == 18
-    assert np.ptp(np.diff([0.5 * n for n in chosen])) <= 0.5
-    crowded = choose_views([0.1 * n for n in range(100)] + [90.0, 180.0, 270.0])
-    assert {100, 101, 102} <= set(crowded)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from scenes import AXIS
 
 from flatcloth.core.geometry import Rigid3, object_from_camera
 from flatcloth.flattening.surface import EXTENT_M
-from flatcloth.registration.axis_estimation import _neighbours, _pairs
 from flatcloth.registration.pairwise import _weighed
 from flatcloth.registration.pose_prior import (
     PosePrior,
@@ -50,10 +49,6 @@ def test_the_jacobian_is_the_derivative_of_the_poses(column: int) -> None:
     (own if column < 3 else common)[column if column < 3 else column - 3] = step
     found = at_center(jacobians_of(AXIS, HELD_M, [ANGLE_DEG]), center)[0, :, column]
     np.testing.assert_allclose(twist_by(common, own, center) / step, found, atol=1e-5)
-
-
-def test_no_change_leaves_the_recorded_pose() -> None:
-    np.testing.assert_allclose(twist_by(np.zeros(5), np.zeros(3), HELD_M), 0.0, atol=1e-15)
 
 
 def test_twists_of_many_pairs_are_those_of_each() -> None:
@@ -104,13 +99,6 @@ def test_a_pair_moves_as_far_as_its_own_errors_and_those_of_the_axis_allow() -> 
     # About the axis both views turn by their own errors.
     turn = np.radians(prior.turn_stds_deg[-1]) ** 2 * 2 + np.radians(prior.swing_stds_deg[0]) ** 2
     assert AXIS.direction @ covariance[:3, :3] @ AXIS.direction == pytest.approx(turn, rel=0.01)
-
-
-def test_pairs_of_views_are_those_up_to_65_degrees_the_closest_first() -> None:
-    assert _pairs([0.0, 0.25, 30.0, 350.0]) == [(3, 0), (3, 1), (2, 1), (2, 0), (3, 2)]
-    assert _pairs([0.0, 60.0]) == [(1, 0)]
-    assert _pairs([0.0, 70.0]) == []
-    assert _neighbours(_pairs([0.0, 10.0, 25.0, 60.0])) == [(1, 0), (2, 1), (2, 0), (3, 2)]
 
 
 def test_texture_that_agrees_by_half_has_a_quarter_of_the_curvature() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -14,18 +15,16 @@ from scenes import AXIS, frame, rays
 from scipy.special import chdtri
 
 from flatcloth.core.config import SurfaceConfig
-from flatcloth.core.geometry import Rigid3, back_project, camera_from_object, rotation_about
+from flatcloth.core.geometry import Rigid3, camera_from_object, rotation_about
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import Surface, observe_surface
 from flatcloth.registration.adjustment import solved
 from flatcloth.registration.cameras import register
-from flatcloth.registration.normal_equations import _add_moments, _fattening
 from flatcloth.registration.pose_prior import PosePrior, moved_axis
 from flatcloth.registration.registered import Registered, describe
 from flatcloth.registration.view_features import (
     UNKNOWNS,
     ViewFeatures,
-    _inertia,
     compare,
     extract_features,
 )
@@ -57,7 +56,7 @@ def plain(around: Float64, _height: Float64) -> Float64:
     return np.full((*around.shape, 3), 128.0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Loose:
     """How the truth differs from what is recorded."""
 
@@ -93,12 +92,16 @@ def render(relief: Relief, paint: Paint, pose: Rigid3) -> tuple[Float64, Float64
     return np.where(seen, depth, np.nan), paint(around, place[..., 1])
 
 
+def clean(depth: Float64, _n: int) -> Float64:
+    return depth
+
+
 def surfaces_of_views(
     relief: Relief = bumps,
     paint: Paint = printed,
     loose: Loose = EXACT,
     angles: tuple[float, ...] = ANGLES,
-    spoiled: Callable[[Float64, int], Float64] = lambda depth, _n: depth,
+    spoiled: Callable[[Float64, int], Float64] = clean,
     lit: Callable[[Float64], Float64] | None = None,
 ) -> list[Surface]:
     found = []
@@ -112,11 +115,13 @@ def surfaces_of_views(
     return found
 
 
-def features_of_views(*args: Any, **kwargs: Any) -> list[ViewFeatures]:
-    return [extract_features(surface) for surface in surfaces_of_views(*args, **kwargs)]
+@lru_cache(8)
+def features_of_views(*args: Any, **kwargs: Any) -> tuple[ViewFeatures, ...]:
+    return tuple(extract_features(surface) for surface in surfaces_of_views(*args, **kwargs))
 
 
-def registered(features: list[ViewFeatures], prior: PosePrior | None = None) -> Registered:
+@lru_cache(8)
+def registered(features: tuple[ViewFeatures, ...], prior: PosePrior | None = None) -> Registered:
     return register(features, AXIS, HELD_M, prior=prior)
 
 
@@ -151,7 +156,7 @@ SWINGING = replace(LOOSE, swung_deg=((0.0, 0.0), (0.8, -0.5), (-0.6, 0.9), (1.0,
 
 
 @pytest.mark.parametrize("loose", [LOOSE, SWINGING], ids=["loose", "swinging"])
-@pytest.mark.parametrize("spoiled", [lambda depth, _n: depth, noise], ids=["clean", "noisy"])
+@pytest.mark.parametrize("spoiled", [clean, noise])
 def test_a_wrong_axis_wrong_angles_and_swing_are_found(
     loose: Loose, spoiled: Callable[[Float64, int], Float64]
 ) -> None:
@@ -183,7 +188,7 @@ def test_the_errors_are_as_large_as_is_said() -> None:
         assert (view.std_deg < 0.6).all()
 
 
-@pytest.mark.parametrize("spoiled", [lambda depth, _n: depth, noise], ids=["clean", "noisy"])
+@pytest.mark.parametrize("spoiled", [clean, noise])
 def test_exact_poses_stay(spoiled: Callable[[Float64, int], Float64]) -> None:
     found = registered(features_of_views(spoiled=spoiled))
     assert slips_m(found).max() < 0.0004
@@ -194,24 +199,10 @@ def test_exact_poses_stay(spoiled: Callable[[Float64, int], Float64]) -> None:
 
 
 def test_a_sensor_that_makes_what_is_near_larger_is_not_taken_for_wrong_poses() -> None:
-    features = features_of_views(spoiled=lambda depth, _n: fattened(depth, 1.0))
-    found = registered(features)
+    found = registered(features_of_views(spoiled=lambda depth, _n: fattened(depth, 1.0)))
     assert found.fattening_px == pytest.approx(1.0, abs=0.15)
     assert abs(found.fattening_px - 1.0) < 4.0 * math.sqrt(found.covariance[4, 4])
     assert slips_m(found).max() < 0.0005
-    true, _ = render(bumps, printed, EXACT.camera_from_object(0, 0.0))
-    seen = features[0]
-    inner = cv2.erode(seen.usable.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    inner &= seen.normals[..., 2] < -0.6
-    before = np.median(seen.depth_m[inner] - true[inner])
-    k, points = seen.intrinsics, back_project(seen.depth_m, seen.intrinsics)[inner].astype(np.float64)
-    normals = seen.normals[inner].astype(np.float64)
-    pulled = [
-        _fattening(x, y, z, normal, k.fx, k.fy) for (x, y, z), normal in zip(points, normals, strict=True)
-    ]
-    after = np.median(points[:, 2] * (1.0 + found.fattening_px * np.array(pulled)) - true[inner])
-    assert before < -0.0005
-    assert abs(after) < 0.3 * abs(before)
 
 
 def test_texture_decides_how_a_smooth_cylinder_is_turned() -> None:
@@ -323,10 +314,6 @@ def test_the_report_says_what_was_changed() -> None:
     np.testing.assert_allclose(moved_axis(found.axis, found.common).point_m, LOOSE.axis.point_m, atol=0.002)
 
 
-def test_nothing_is_registered_yet() -> None:
-    assert register([], AXIS, HELD_M).object_from_camera == ()
-
-
 def test_a_scrap_of_cloth_between_the_points_of_the_grid_is_registered_still() -> None:
     (whole,) = surfaces_of_views(angles=(0.0,))
     at = np.argwhere(whole.usable)[1000]
@@ -334,19 +321,8 @@ def test_a_scrap_of_cloth_between_the_points_of_the_grid_is_registered_still() -
     usable[at[0], at[1]] = True
     few = extract_features(replace(whole, usable=usable))
     assert len(few.points_m) == 1
-    found = registered([few, *features_of_views(angles=(0.0,))])
+    found = registered((few, *features_of_views(angles=(0.0,))))
     assert found.pairs == ()
-
-
-def test_moments_of_points_give_the_inertia_of_their_motions() -> None:
-    points = np.random.default_rng(0).normal(0.0, 0.3, (5, 3))
-    moments, inertia = np.zeros((4, 4)), np.zeros((6, 6))
-    for x in points:
-        _add_moments(tuple(x), moments)
-        moved = np.array([[0.0, x[2], -x[1]], [-x[2], 0.0, x[0]], [x[1], -x[0], 0.0]])  # by a small rotation
-        derivative = np.hstack([moved, np.eye(3)])
-        inertia += derivative.T @ derivative
-    np.testing.assert_allclose(_inertia(moments), inertia, atol=1e-12)
 
 
 def test_texture_counts_by_the_spread_of_its_own_channel() -> None:

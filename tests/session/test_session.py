@@ -170,20 +170,6 @@ def test_a_session_says_what_it_waits_for_and_what_became_of_each_view(steps: St
 
 
 @pytest.mark.parametrize(
-    ("steps", "same"),
-    [
-        ((*REOPENED, Accept(1, 0.5)), THREE),
-        ((*THREE, Reopen(3), Reopen(1), Accept(1)), THREE),
-        ((*ASKED_AGAIN, Undo()), REOPENED),
-        ((*ASKED_AGAIN, Undo(), Redo()), ASKED_AGAIN),
-        ((*PENDING, Nudge(1, at(0.05)), TakePart(1, 2, at(0.4)), Undo()), (*PENDING, Nudge(1, at(0.05)))),
-    ],
-)
-def test_what_is_taken_back_or_decided_the_same_again_is_exactly_as_it_was(steps: Steps, same: Steps) -> None:
-    assert after(*steps).document == after(*same).document
-
-
-@pytest.mark.parametrize(
     ("steps", "names"),
     [
         (REOPENED, ["accept view 1", "accept view 2", "accept view 3", "reopen view 1"]),

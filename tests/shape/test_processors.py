@@ -8,7 +8,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+pytestmark = pytest.mark.thorough
 SHAPE_OF = """
 import sys
 import numpy as np

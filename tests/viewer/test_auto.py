@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-import pytest
-
-from flatcloth.core.types import Rigid2
-from flatcloth.session.document import Document, Pending
-from flatcloth.session.machine import Propose, Reject, SessionState, Undo
+from flatcloth.session.document import Document
+from flatcloth.session.machine import Propose, SessionState
 from flatcloth.viewer import auto
 from flatcloth.viewer.protocol.settings import Settings
 from flatcloth.viewer.protocol.state import AutoInfo
@@ -23,22 +20,6 @@ def next_step(document=BEGUN, settings=None, *, auto_now=RUNS, expected=None, fl
     picture = SimpleNamespace(document=document, sheet=sheet)
     state = SessionState(12, document)
     return auto.next_step(state, auto_now, settings or Settings(), picture, expected)
-
-
-def asked(score):
-    return replace(BEGUN, pending=Pending(3, Rigid2(), None, score))
-
-
-@pytest.mark.parametrize("score", [0.2, float("nan")])
-def test_it_waits_for_the_operator_where_a_score_is_low_and_goes_on_after_a_verdict(score):
-    step = next_step(asked(score))
-    assert isinstance(step, auto.Wait)
-    assert "view 3" in step.text
-    waits = AutoInfo(running=True, waits_for=step.text)
-    assert next_step(asked(0.9), auto_now=waits) is None, "what the operator moves is not accepted meanwhile"
-    assert auto.after(waits, Reject(3, "other")) == RUNS
-    assert not auto.after(waits, Undo()).running
-    assert not auto.after(RUNS, Reject(3, "other")).running
 
 
 def test_it_ends_where_the_next_view_adds_less_than_chosen():

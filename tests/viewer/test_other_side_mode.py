@@ -12,7 +12,6 @@ from viewer_fakes import HEIGHT_M, CylinderIntegration, cylinder_view
 
 from flatcloth.core.types import LaidPiece, Rigid2
 from flatcloth.methods.answers import Canonical, JoinedSides, Seam
-from flatcloth.session.garment import DecideSeam
 from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
@@ -138,26 +137,6 @@ def test_a_pick_on_the_other_side_is_kept_while_that_is_not_known(integration, f
     with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
         assert tab.proposed()["picks"][0]["uv_m"] is None
         leads_to(tab, {"type": "show_pick", "id": 1}, {"pick.in_shape": False, "pick.grip": None})
-
-
-def test_a_seam_is_cut_undone_and_kept_and_each_is_a_decision(server, both, folder):
-    with Tab(server) as tab:
-
-        def decide(keep: bool, index: int = 0, older: int = 0) -> dict:
-            revision = tab.state["other"]["revision"] - older
-            return {"type": "decide_seam", "revision": revision, "index": index, "keep": keep}
-
-        turned_over(tab, both)
-        leads_to(tab, decide(True, older=1), {"note": "found again"})
-        leads_to(tab, decide(True, index=1), {"note": "no seam 1"})
-        cut = known(both, seams__0__decided="cut", seams__0__why="cut by the operator", is_related=False)
-        leads_to(tab, decide(False), {**cut, "undo": "cut a seam"})
-        undone = known(both, seams__0__decided=None, is_related=True)
-        leads_to(tab, {"type": "do", "action": "undo"}, undone)
-        leads_to(tab, decide(True), known(both, seams__0__decided="keep"))
-    decided = [command for command in folder.recorded if isinstance(command, DecideSeam)]
-    assert [command.seam.kept for command in decided] == [False, True]
-    assert all(3 <= len(command.seam.points_m) <= 40 for command in decided)
 
 
 def test_pieces_that_seams_lay_are_shown_on_the_shape(server, both, integration, folder):

@@ -10,8 +10,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import cv2
 import httpx
@@ -26,11 +25,9 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import grasp_at
 from flatcloth.recordings import open_recording
-from flatcloth.session.document import Document
 from flatcloth.session.machine import Start
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.messages import parsed
-from flatcloth.viewer.routes.robot import RobotAnswers
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
@@ -67,45 +64,6 @@ def test_a_robot_that_speaks_still_hears_what_changes(server: PageServer) -> Non
         while grasp["name"] != "seam":
             grasp = json.loads(robot.recv(timeout=WAIT_S)).get("grasp", grasp)
         server.application.receive(0, parsed(json.dumps({**rename, "name": "Pick 1"})))
-
-
-class Page:
-    """Counts how often its grasps are computed."""
-
-    def __init__(self) -> None:
-        document, sheet = Document(start_view=0), None
-        view = SimpleNamespace(area_m2=1.0)
-        self.picture: Any = SimpleNamespace(
-            document=document, sheet=sheet, view=view, revision=1, angle_deg=0.0
-        )
-        self.garments, self.integration = SimpleNamespace(last=None), SimpleNamespace(axis=object())
-        self.picks: tuple[Any, ...] = ()
-        self.grips: dict[int, Any] = {}
-        self.computed = 0
-
-    def grasps(self, _base_from_camera: Any, *, with_garment: bool, rotation_deg: Any) -> dict[str, Any]:
-        assert not with_garment
-        self.computed += 1
-        grasps = [{"id": pick} for pick in self.picks]
-        return {"grasps": grasps, "rotation_deg": rotation_deg, "base_from_camera": None}
-
-
-def test_poses_are_computed_for_robots_only_when_something_has_changed() -> None:
-    page = Page()
-    answers = RobotAnswers(cast("Any", page))
-    another = SimpleNamespace(**vars(page.picture))
-    changes: tuple[dict[str, Any], ...]
-    changes = {"picks": (1,)}, {"picks": (1, 2)}, {"grips": {1: "narrow"}}, {"picture": another}
-    for count, change in enumerate(changes, start=1):
-        vars(page).update(change)
-        for _ in range(3):
-            present = answers.present(None)
-            assert present is not None
-            assert {grasp["id"] for grasp in present.document["grasps"]} == set(page.picks)
-        assert page.computed == count
-    page.integration.axis = object()
-    answers.present(None)
-    assert page.computed == 5
 
 
 @pytest.mark.parametrize("name", ["robot_http.py", "robot_websocket.py", "robot_rosbridge.py"])

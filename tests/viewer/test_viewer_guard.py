@@ -33,7 +33,7 @@ from flatcloth.core.errors import ServerError
 from flatcloth.viewer import http
 from flatcloth.viewer.server import limits
 from flatcloth.viewer.server.app import PageServer, serve
-from flatcloth.viewer.server.guard import given_token, is_loopback, kept_token
+from flatcloth.viewer.server.guard import given_token, kept_token
 from flatcloth.viewer.server.workspace import Opened
 
 
@@ -460,8 +460,3 @@ def test_a_port_or_a_host_that_cannot_be_had_is_one_clear_line(server):
     ):
         with pytest.raises(ServerError, match=told):
             PageServer(Opened(CylinderIntegration(), MemoryFolder()), host=host, port=port)
-
-
-def test_loopback_is_known():
-    assert all(map(is_loopback, ("127.0.0.1", "::1", "localhost")))
-    assert not any(map(is_loopback, ("0.0.0.0", "cell-3")))

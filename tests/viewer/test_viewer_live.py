@@ -50,13 +50,6 @@ def test_a_frame_is_flattened_when_somebody_wants_a_newer_one(
     assert camera.asked == 2
 
 
-def test_tabs_that_ask_at_once_get_one_frame(frames: LiveFrames, camera: CylinderCamera) -> None:
-    with ThreadPoolExecutor(4) as tabs:
-        found = list(tabs.map(frames.after, [0] * 4))
-    assert camera.asked == 1
-    assert all(shown is found[0] for shown in found)
-
-
 def test_a_held_frame_stays_until_it_goes_on(frames: LiveFrames, camera: CylinderCamera) -> None:
     seen, later = after(frames, 0), after(frames, 1)
     held = frames.hold(seen.sequence)

@@ -10,11 +10,6 @@ import pytest
 from viewer_fakes import CENTER_M, CylinderRecording, cylinder_view
 
 from flatcloth.core.types import Rigid2
-from flatcloth.rendering.colormaps import (
-    MAPS,
-    apply_table,
-    view_colors,
-)
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legends, rgba
 from flatcloth.session.machine import (
     Accept,
@@ -45,11 +40,6 @@ def test_every_key_means_one_action_in_a_mode_and_none_is_the_browsers(mode):
     keys = [key for action in ACTIONS if action.mode in ("", mode) for key in action.keys]
     assert len(keys) == len(set(keys))
     assert not RESERVED & set(keys)
-
-
-def test_every_action_has_a_name_of_its_own_and_explains_itself():
-    assert len({a.name for a in ACTIONS}) == len(ACTIONS)
-    assert all(a.description.endswith(".") for a in ACTIONS)
 
 
 def test_each_mode_says_that_the_others_actions_are_not_its_own():
@@ -94,19 +84,6 @@ def state_after(*steps):
 def test_the_table_says_why_an_action_is_not_allowed_now(steps, name, said):
     why_not = next(a.why_not for a in action_table(state_after(*steps)) if a.name == name)
     assert why_not is None if said is None else said in why_not
-
-
-def test_views_used_together_and_neighbours_have_colours_of_their_own():
-    colors = view_colors(36).astype(int)
-    used = colors[[1, 4, 7, 9, 11, 14, 15, 18, 22, 27, 32]]
-    apart = np.abs(used[:, None] - used[None]).sum(axis=-1)
-    assert apart[~np.eye(len(used), dtype=bool)].min() > 45
-    assert np.abs(np.diff(colors, axis=0)).sum(axis=1).min() > 60
-
-
-def test_values_that_are_no_numbers_get_a_colour():
-    colors = apply_table(MAPS["sequential"].table(), np.array([np.nan, 0.0, 2.0]), 0.0, 1.0)
-    np.testing.assert_array_equal(colors, MAPS["sequential"].table()[[0, 0, 255]])
 
 
 @pytest.mark.parametrize("layer", LAYERS)

@@ -13,7 +13,6 @@ from scenes import CAMERA, Cylinder
 
 from flatcloth.engine.integration import Integration
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.routes.layers import crop
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
@@ -81,12 +80,3 @@ def test_hovering_tells_the_pixel_in_the_view_that_is_shown(server: PageServer) 
                 )
             else:
                 assert source is None  # on the far side; no such view
-
-
-def test_a_crop_at_the_border_is_filled_up() -> None:
-    color = np.full((20, 30, 3), 200, dtype=np.uint8)
-    part = crop(color, 0.2, 29.4, size_px=8)
-    assert part.shape == (8, 8, 3)
-    assert (part[4:, :5] == 200).all()
-    assert (part[:4] == 128).all()
-    assert (part[:, 5:] == 128).all()

@@ -9,18 +9,7 @@ import pytest
 from page_tabs import WAIT_S
 
 from flatcloth.core.errors import CancelledError
-from flatcloth.viewer.worker import Executor, Worker, one_at_a_time
-
-
-def test_nobody_waits_for_a_worker_that_is_to_stop() -> None:
-    gate = threading.Event()
-    worker = Worker("tested")
-    for _ in range(3):
-        worker.put(lambda: gate.wait(WAIT_S) and None)
-    assert worker.waiting >= 2
-    worker.stop(0.0)
-    assert worker.waiting == 0
-    gate.set()
+from flatcloth.viewer.worker import Executor, one_at_a_time
 
 
 def test_what_nobody_waits_for_begins_when_all_else_is_done_and_what_waits_is_dropped_at_the_end() -> None:

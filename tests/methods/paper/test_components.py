@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
-from cylinder_views import CylinderViews
 from scenes import AXIS, aligned_by_z_angle, sheet, views
 
+from flatcloth.core.config import Config
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.answers import Alignment, AlignmentScore
+from flatcloth.methods.base import Views
 from flatcloth.methods.paper.alignment import not_worse_than_start
 from flatcloth.methods.paper.departures import Aligned
 from flatcloth.methods.paper.matching import Matcher
@@ -50,7 +53,7 @@ def aligned(component: int, score: float, area_m2: float, known_share: float) ->
     ],
 )
 def test_the_component_that_adds_most_of_those_that_qualify_is_chosen(found, chosen):
-    method = PaperMethod(CylinderViews(), (0.0, 10.0))
+    method = PaperMethod(cast("Views", SimpleNamespace(config=Config())), (0.0, 10.0))
     assert method.accept_score == LEAST
     assert method.choose(found).part.component == chosen
 
@@ -64,8 +67,22 @@ def test_the_start_stands_where_the_search_ends_with_a_lower_score():
     assert not_worse_than_start(kept) is kept
 
 
+def test_cloth_of_another_z_angle_is_other_cloth_though_texture_height_and_place_agree():
+    current, new = views(0.0, 20.0)
+    right = aligned_by_z_angle(current, new, 20.0).current_from_new
+    score = Matcher(current, new, AXIS).score(right)
+    assert score.parts["z_angle_agreement"] > 0.9
+    turn = np.radians(40.0)
+    turned = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
+    other = replace(new, normal=(new.normal @ turned.T).astype(np.float32))
+    doubted = Matcher(current, other, AXIS).score(right)
+    assert doubted.parts["height_agreement"] == score.parts["height_agreement"]
+    assert doubted.parts["intensity_agreement"] == score.parts["intensity_agreement"]
+    assert doubted.total < LEAST < score.total
+
+
 def test_the_places_are_asked_where_the_lines_fail_or_are_refused():
-    method = PaperMethod(CylinderViews(), (0.0, 10.0))
+    method = PaperMethod(cast("Views", SimpleNamespace(config=Config())), (0.0, 10.0))
 
     def at(theta_rad: float, score: float):
         total = AlignmentScore(score, {})
@@ -84,20 +101,6 @@ def test_the_places_are_asked_where_the_lines_fail_or_are_refused():
     assert method.first_accepted(at(0.1, 0.5), failing).current_from_new.theta_rad == 0.1
     with pytest.raises(AlignmentError, match="No line"):
         method.first_accepted(failing, failing)
-
-
-def test_cloth_of_another_z_angle_is_other_cloth_though_texture_height_and_place_agree():
-    current, new = views(0.0, 20.0)
-    right = aligned_by_z_angle(current, new, 20.0).current_from_new
-    score = Matcher(current, new, AXIS).score(right)
-    assert score.parts["z_angle_agreement"] > 0.9
-    turn = np.radians(40.0)
-    turned = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
-    other = replace(new, normal=(new.normal @ turned.T).astype(np.float32))
-    doubted = Matcher(current, other, AXIS).score(right)
-    assert doubted.parts["height_agreement"] == score.parts["height_agreement"]
-    assert doubted.parts["intensity_agreement"] == score.parts["intensity_agreement"]
-    assert doubted.total < LEAST < score.total
 
 
 def test_a_component_may_lie_on_cloth_that_its_own_view_does_not_show():

@@ -4,7 +4,6 @@ import numpy as np
 from scenes import Cylinder, placement_error_m, sheet, views
 
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.flattening.resampling import place
 from flatcloth.methods.paper.merging import Parts, Renewed, begin, covered_share, lay_over, renew
 from flatcloth.session.document import PlacedPart, Side
 
@@ -69,26 +68,6 @@ def test_attributes_follow_the_exact_motion_however_many_views_are_added() -> No
     expected = canonical.current_from_view[0].inverse().apply(view.uv_from_rc(np.argwhere(kept)))
     inner = (np.abs(expected - 0.059) < 0.055).all(axis=1)
     np.testing.assert_allclose(view.xyz_m[kept][inner, :2], expected[inner], atol=1e-6)
-
-
-def test_merging_is_pure() -> None:
-    old, new = sheet(0, 0, 40, 5.0), sheet(1, -20, 40, 30.0)
-    before = begin(old, 0)
-    parts, added = parts_of({0: old, 1: new}), PlacedPart(1, 0, Rigid2(0.1))
-    first = renew(before, parts, added, Side.LEFT)
-    second = renew(before, parts, added, Side.LEFT)
-    np.testing.assert_array_equal(first.view.view_index, second.view.view_index)
-    np.testing.assert_array_equal(first.view.xyz_m, second.view.xyz_m)
-    assert before.view is old
-
-
-def test_placing_by_the_identity_changes_nothing() -> None:
-    view = sheet(2, -3, 17, 12.0)
-    placed = place(view, Rigid2())
-    assert placed.origin_uv_m == view.origin_uv_m
-    np.testing.assert_array_equal(placed.valid, view.valid)
-    np.testing.assert_allclose(placed.xyz_m, view.xyz_m, atol=1e-7)
-    np.testing.assert_array_equal(placed.rgb, view.rgb)
 
 
 def test_a_cylinder_grows_to_the_union_of_its_views() -> None:

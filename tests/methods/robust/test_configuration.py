@@ -15,12 +15,6 @@ def odds(probability: float) -> float:
     return math.log(probability / (1.0 - probability))
 
 
-def test_a_set_alone_is_as_probable_as_its_odds() -> None:
-    found = configured([odds(0.7), odds(0.2)], {})
-    assert found.true.tolist() == [True, False]
-    assert found.probability == pytest.approx([0.7, 0.2])
-
-
 def test_two_sets_that_contradict_each_other_are_both_true_only_over_a_false_joint() -> None:
     one, other, joint = 0.9, 0.8, 0.1
     found = configured([odds(one), odds(other)], {(0, 1): joint})
