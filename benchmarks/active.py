@@ -117,7 +117,7 @@ def _all_views(views: Views, panel: int, truth: Row) -> list[Row]:
                 view = views.at(panel, 0.0, angle)
                 writer.add(angle, view.color, depth_units(view.depth_m), view.mask)
         try:
-            service, _, document = integrated_sides(Remembered(open_recording(folder)))
+            service, document = integrated_sides(Remembered(open_recording(folder)))
             known = service.known(document)
             area_m2 = service.integration.canonical(document).view.area_m2
         except FlatclothError as error:
