@@ -37,11 +37,12 @@ class SegmentationConfig:
     """The two layers of a plate lie at most this far apart."""
     samples: int = 32
     """Divisions by disturbed evidence; the certainty is computed from them."""
-    disturbance_m: float = 0.05
-    """The disturbance of the evidence (standard deviation: a factor e) is correlated over this distance."""
-    guess: float = 30.0
-    """Evidence that the largest sheet of the start view is of interest: twice that around a brush mark, so
-    that a small stroke alone does not outweigh it. Chosen: 15 and 60 give as many right sides."""
+    disturbance: float = 2.0
+    """Standard deviation of the logarithm of the evidence, ..."""
+    disturbance_m: float = 0.2
+    """... correlated over this distance, as a seam in smooth cloth is long."""
+    alike_m: float = 0.05
+    """Colors are averaged over this distance: errors and prints are alike there."""
     least_region: int = 30
     """Fewest clusters of an inner face. Chosen."""
     least_certainty: float = 0.7
