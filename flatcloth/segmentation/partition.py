@@ -52,8 +52,10 @@ def divided(
         node = np.flatnonzero(strongest >= 0)
         edge = order[strongest[node]]
         to = first[edge] + second[edge] - node
-        # Two parts that choose each other become one; if sizes are limited, only such pairs do.
-        joins = np.where(strongest[to] == strongest[node], node > to, most is None)
+        # Two parts that choose each other become one, with those that choose either unless sizes are limited.
+        mutual = np.zeros(size.size, dtype=np.bool_)
+        mutual[node] = strongest[to] == strongest[node]
+        joins = np.where(mutual[node], node > to, mutual[to] & (most is None))
         parent, sign = np.arange(size.size), np.ones(size.size)
         parent[node[joins]], sign[node[joins]] = to[joins], np.sign(weight[edge[joins]])
         while (parent[parent] != parent).any():
