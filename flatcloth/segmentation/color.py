@@ -39,14 +39,14 @@ def alike_in_color(
     Notes
     -----
     How far the colors of both sides lie apart follows from the correlation of the colors of a pair back to
-    back. The probability is that of two models by Schwarz (1978); pairs within ``alike_m``, over which
+    back. The probability is that of two models by Schwarz (1978); pairs within ``disturbance_m``, over which
     errors and prints are alike, count once.
     """
     pairs = graph.weight < 0
     a, b, weight = graph.first[pairs], graph.second[pairs], -graph.weight[pairs]
     if not weight.size:
         return np.zeros(graph.count), 0.0
-    times = round((config.alike_m / config.cluster_m) ** 2)  # a random walk goes as far
+    times = round((config.disturbance_m / config.cluster_m) ** 2)  # a random walk goes as far
     color = averaged(graph, chroma, times)
     color = color - np.average(0.5 * (color[a] + color[b]), axis=0, weights=weight)
     share = weight / weight.sum()
@@ -56,11 +56,11 @@ def alike_in_color(
     found, directions = eigh(apart, spread + np.eye(2) / 12)  # colors are whole numbers
     correlation = min(1.0 - 0.5 * float(found[-1]), 0.0)
     within = 1.0 + correlation
-    cell = np.floor(clusters.place_m[a] / config.alike_m).astype(np.int64)
+    cell = np.floor(clusters.place_m[a] / config.disturbance_m).astype(np.int64)
     shares = np.bincount(np.unique(cell, axis=0, return_inverse=True)[1].ravel(), share)
     count = 1.0 / float((shares**2).sum())
     odds = -0.5 * count * np.log(within * (1.0 - correlation)) - np.log(count)
     position = color @ directions[:, -1]
     sure = np.tanh(np.sqrt(-correlation) * position / within)
     # As much cloth as is alike in color counts as one link.
-    return config.cluster_m / config.alike_m * sure, 1.0 / (1.0 + float(np.exp(-odds)))
+    return config.cluster_m / config.disturbance_m * sure, 1.0 / (1.0 + float(np.exp(-odds)))

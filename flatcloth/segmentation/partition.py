@@ -114,10 +114,10 @@ class Divisions:
         self._factors: list[Float32] = []
         for _ in range(config.samples):
             shift, factor = random.uniform(size=3), random.standard_normal(count)
-            cell = np.floor(middle / config.disturbance_m + shift).astype(np.int64)
+            cell = np.floor(middle / (4.0 * config.disturbance_m) + shift).astype(np.int64)
             spot = (cell @ np.array([73856093, 19349663, 83492791]) + joins) % max(count, 1)
             counts = ~colored | (len(self._factors) < probability * config.samples)
-            self._factors.append((counts * np.exp(config.disturbance * factor)[spot]).astype(np.float32))
+            self._factors.append((counts * np.exp(2.0 * factor)[spot]).astype(np.float32))
 
     def sides(self, known: Float64, before: Int8 | None = None) -> Int8:
         """Return the sides (K, M) in each division, 1 or -1.

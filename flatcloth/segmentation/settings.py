@@ -37,12 +37,10 @@ class SegmentationConfig:
     """The two layers of a plate lie at most this far apart."""
     samples: int = 32
     """Divisions by disturbed evidence; the certainty is computed from them."""
-    disturbance: float = 2.0
-    """Standard deviation of the logarithm of the evidence, ..."""
-    disturbance_m: float = 0.2
-    """... correlated over this distance, as a seam in smooth cloth is long."""
-    alike_m: float = 0.05
-    """Colors are averaged over this distance: errors and prints are alike there."""
+    disturbance_m: float = 0.05
+    """Errors of the evidence of a pair, and prints, are alike over this distance; errors along a seam in
+    smooth cloth, by which the evidence is disturbed (standard deviation: a factor e squared), over four times
+    as much."""
     least_region: int = 30
     """Fewest clusters of an inner face. Chosen."""
     least_certainty: float = 0.7

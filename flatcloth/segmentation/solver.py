@@ -121,15 +121,8 @@ class SideSolver:
             at = int(inside[off_m.argmin()])
             if (seen := best_view(self.observed, at)) is None:
                 return
-            place, normal = clusters.place_m[at].tolist(), clusters.normal[at].tolist()
-            yield Suggestion(
-                view_index=seen[0],
-                rc=seen[1],
-                point_m=(place[0], place[1], place[2]),
-                normal=(normal[0], normal[1], normal[2]),
-                gain_m2=gain_m2,
-                text=f"A stroke here, in view {seen[0]}, would settle about {1e4 * gain_m2:.0f} cm2.",
-            )
+            text = f"A stroke here, in view {seen[0]}, would settle about {1e4 * gain_m2:.0f} cm2."
+            yield Suggestion(view_index=seen[0], rc=seen[1], gain_m2=gain_m2, text=text)
 
     # ---------------------------------------------------------------- states
 
