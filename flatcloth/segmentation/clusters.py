@@ -118,22 +118,18 @@ def _begun(points: Float32, normals: Float32, order: Int64, limits: _Limits) -> 
 def _assigned(points: Float32, normals: Float32, limits: _Limits, place: Float64, normal: Float64) -> Int32:
     """Return the nearest cluster on the layer of each pixel (N,), -1 without one; in parallel."""
     sheets = np.concatenate([place, normal], axis=1)
-    head, following = np.full(_BUCKETS, -1, np.int32), np.empty(len(sheets), np.int32)
-    for n in range(len(sheets)):
-        _list(sheets, n, limits, head, following)
     ends = np.linspace(0, len(points), THREADS + 1).astype(int)
     shares = [slice(*pair) for pair in itertools.pairwise(ends)]
     with ThreadPoolExecutor(THREADS) as pool:
-        found = pool.map(
-            lambda own: _nearest_of(points[own], normals[own], limits, sheets, head, following), shares
-        )
+        found = pool.map(lambda own: _nearest_of(points[own], normals[own], limits, sheets), shares)
         return np.concatenate(list(found))
 
 
 @njit(cache=True, nogil=True)
-def _nearest_of(
-    points: Float32, normals: Float32, limits: _Limits, sheets: Float64, head: Int32, following: Int32
-) -> Int32:
+def _nearest_of(points: Float32, normals: Float32, limits: _Limits, sheets: Float64) -> Int32:
+    head, following = np.full(_BUCKETS, -1, np.int32), np.empty(len(sheets), np.int32)
+    for n in range(len(sheets)):
+        _list(sheets, n, limits, head, following)
     found = np.empty(len(points), np.int32)
     for i in range(len(points)):
         found[i] = _nearest(points, normals, i, limits, sheets, head, following)
