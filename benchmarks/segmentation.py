@@ -163,11 +163,9 @@ def stroke_where_asked(
     if place is None:
         return None
     seen, view = truth[place.view_index], solver.observed.views[place.view_index]
-    at = np.subtract(place.rc, view.offset_rc)
-    # At a pixel between both sides he strokes the nearest one that shows a side.
-    rows, cols = np.nonzero(seen.side)
-    near = int(np.hypot(rows - at[0], cols - at[1]).argmin())
-    row, col = rows[near], cols[near]
+    shown = np.argwhere(seen.side)  # where the pixel shows none, he strokes the nearest that does
+    off = np.linalg.norm(shown - np.subtract(place.rc, view.offset_rc), axis=1)
+    row, col = shown[off.argmin()]
     return ImageStroke(
         side="this" if seen.side[row, col] == 1 else "other",
         view_index=place.view_index,
@@ -198,28 +196,21 @@ def said(solver: SideSolver, decisions: Sequence[Decision], truth: dict[int, See
 
 def doubted(rows: Sequence[Said]) -> float:
     """Return the share of the wrong area that is less than sure; each recording counts by its wrong share."""
-    wrong = [np.where(right, 0.0, area) / area.sum() for _, right, area in rows]
-    total = sum(float(each.sum()) for each in wrong)
-    unsure = sum(float(each[sure < SURE].sum()) for each, (sure, _, _) in zip(wrong, rows, strict=True))
-    return unsure / total if total > 0 else 1.0
+    sure = np.concatenate([sure for sure, _, _ in rows])
+    wrong = np.concatenate([np.where(right, 0.0, area) / area.sum() for _, right, area in rows])
+    return float(wrong[sure < SURE].sum() / wrong.sum()) if wrong.any() else 1.0
 
 
 def reliability(rows: Sequence[Said]) -> list[dict[str, float]]:
     """Return for each bin of the certainty how much of the area is right; each recording counts alike."""
     sure, right = (np.concatenate([row[n] for row in rows]) for n in (0, 1))
-    area = np.concatenate([a / a.sum() for _, _, a in rows])
+    area = np.concatenate([a / a.sum() for _, _, a in rows]) / len(rows)
     found = []
     for low, high in itertools.pairwise(BINS):
-        at = (sure >= low) & (sure < high)
-        if area[at].sum() > 0:
-            found.append(
-                {
-                    "from": low,
-                    "said": round(float((sure * area)[at].sum() / area[at].sum()), 3),
-                    "right": round(float((right * area)[at].sum() / area[at].sum()), 3),
-                    "share": round(float(area[at].sum() / area.sum()), 3),
-                }
-            )
+        own = np.where((sure >= low) & (sure < high), area, 0.0)
+        share, mean = own.sum(), own @ np.stack([sure, right], axis=1) / max(own.sum(), 1e-12)
+        values = np.round([low, *mean, share], 3).tolist()
+        found.append(dict(zip(("from", "said", "right", "share"), values, strict=True)))
     return found
 
 
@@ -296,11 +287,5 @@ def run(options: Options) -> None:
     for bins in found["reliability"]:
         say(f"  says {bins['said']:.2f}: right {bins['right']:.2f} ({bins['share']:.0%} of the area)")
     say(f"  of the wrong cloth is doubted, unaided and after each stroke: {found['wrong_doubted']}")
-    for limit in (0.03, 0.10):
-        shares = [
-            np.mean([row["unaided"]["wrong"] <= limit for row in table]),
-            *(np.mean([row["asked"][k]["wrong"] <= limit for row in table]) for k in range(1, ASKED + 1)),
-        ]
-        say(f"  within {limit:.0%}, unaided and after each stroke: {np.round(shares, 2)}")
     if not options.quick:
         save("segmentation_other" if options.other else "segmentation", found, recordings_of(table))

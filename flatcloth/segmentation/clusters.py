@@ -142,7 +142,7 @@ def _cell(place: Float32 | Float64, size: float) -> tuple[int, int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _list(sheets: Float64, n: int, limits: _Limits, head: Int32, following: Int32) -> None:
+def _list(sheets: Float32 | Float64, n: int, limits: _Limits, head: Int32, following: Int32) -> None:
     """Add a cluster to the list of its bucket; ``sheets`` (K, 6) are their places and normals."""
     x, y, z = _cell(sheets[n], limits.radius_m)
     bucket = cell_of(x, y, z, _BUCKETS)
@@ -151,7 +151,13 @@ def _list(sheets: Float64, n: int, limits: _Limits, head: Int32, following: Int3
 
 @njit(cache=True, nogil=True)
 def _nearest(
-    points: Float32, normals: Float32, i: int, limits: _Limits, sheets: Float64, head: Int32, following: Int32
+    points: Float32,
+    normals: Float32,
+    i: int,
+    limits: _Limits,
+    sheets: Float32 | Float64,
+    head: Int32,
+    following: Int32,
 ) -> int:
     """Return the nearest cluster on the layer of a pixel, -1 if there is none.
 
