@@ -5,14 +5,14 @@ middle of the largest error that he sees in any view, never nearer than 10 mm to
 by area: every surface pixel of every view counts with the cloth under it. Unaided, the side is the
 one that the start view shows most, as it is for an operator who has not said otherwise.
 
-The weights of the certainty are learned from these recordings, and what it says is compared with what is
-right, also with weights learned without the garment.
+Another one strokes where the program asks for it. What the certainty says is compared with what is right.
 """
 
 from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,20 +21,21 @@ import numpy as np
 
 from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, Row, recordings_of, save, say
-from benchmarks.unattended import logistic, side_solver
+from benchmarks.unattended import side_solver
 from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Bool, Float32, Float64
 from flatcloth.engine.segmenting import masked
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.segmentation.brushes import under_strokes
-from flatcloth.segmentation.certainty import CALIBRATION, features
 from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
+from flatcloth.segmentation.settings import SURE
 from flatcloth.segmentation.solver import SideSolver
 
 STROKES = 6
-RADIUS_M = 0.010
+ASKED = 3
+RADIUS_M, LEAST_RADIUS_M = 0.010, 0.002
 MARGIN_M = 0.010
 LEAST_ERROR_M2 = 4e-4
 STEP_M = 0.010
@@ -154,48 +155,62 @@ def wanted(truth: Truth, other: bool) -> tuple[int, bool]:
     return own, True
 
 
-def calibration_rows(
-    found: Segmentation, solver: SideSolver, truth: dict[int, Seen]
-) -> tuple[Float64, Bool, Float64]:
-    """Return features, whether right, and area of each cluster of the present state."""
-    observed = found.observed
+def stroke_where_asked(
+    solver: SideSolver, decisions: Sequence[Decision], truth: dict[int, Seen]
+) -> ImageStroke | None:
+    """Return a stroke at the place that the program asks for; None if it asks for none."""
+    place = next(solver.places(decisions), None)
+    if place is None:
+        return None
+    seen, view = truth[place.view_index], solver.observed.views[place.view_index]
+    shown = np.argwhere(seen.side)  # where the pixel shows none, he strokes the nearest that does
+    off = np.linalg.norm(shown - np.subtract(place.rc, view.offset_rc), axis=1)
+    row, col = shown[off.argmin()]
+    return ImageStroke(
+        side="this" if seen.side[row, col] == 1 else "other",
+        view_index=place.view_index,
+        points_rc=((float(row + view.offset_rc[0]), float(col + view.offset_rc[1])),),
+        radius_m=float(np.clip(seen.inside_m[row, col] - MARGIN_M, LEAST_RADIUS_M, RADIUS_M)),
+    )
+
+
+Said = tuple[Float64, Bool, Float64]
+"""Of clusters: how sure their more probable side is, whether that is right, and their area."""
+
+
+def said(solver: SideSolver, decisions: Sequence[Decision], truth: dict[int, Seen]) -> Said:
+    """Return what is said of the clusters that are not under strokes, and whether it is right."""
+    observed = solver.observed
     votes = np.zeros((2, observed.clusters.count))
     for n, view in observed.views.items():
         for k, value in enumerate((1, -1)):
             at = view.surface & (truth[n].side == value)
             votes[k] += np.bincount(view.cluster[at], view.area_m2[at], observed.clusters.count)
-    agreed, side = solver.agreement(found.decisions), solver.most_probable(found.decisions)
-    right = np.where(side > 0, votes[0], votes[1])
-    used = (votes.sum(axis=0) > 0) & (side != 0)
-    used[under_strokes(observed, found.decisions)] = False
-    share = right / np.maximum(votes.sum(axis=0), 1e-12)
-    return features(observed.clusters, agreed)[used], share[used] > 0.5, votes.sum(axis=0)[used]
+    votes[:, under_strokes(observed, decisions)] = 0.0
+    probable = solver.probability(decisions)
+    area = votes.sum(axis=0)
+    used = area > 0
+    right = np.where(probable > 0.5, votes[0], votes[1]) > 0.5 * area
+    return np.maximum(probable, 1.0 - probable)[used], right[used], area[used]
 
 
-def learned(rows: list[tuple[Float64, Bool, Float64]]) -> Float64:
-    """Return the weights of the logistic regression; each recording counts alike."""
-    x, right, area = (np.concatenate(each) for each in zip(*rows, strict=True))
-    total = np.concatenate([np.full(len(own), len(rows) * own.sum()) for _, _, own in rows])
-    return logistic(x, right, 1e-3, area / total)
+def doubted(rows: Sequence[Said]) -> float:
+    """Return the share of the wrong area that is less than sure; each recording counts by its wrong share."""
+    sure = np.concatenate([sure for sure, _, _ in rows])
+    wrong = np.concatenate([np.where(right, 0.0, area) / area.sum() for _, right, area in rows])
+    return float(wrong[sure < SURE].sum() / wrong.sum()) if wrong.any() else 1.0
 
 
-def reliability(rows: list[tuple[Float64, Bool, Float64]], weights: Float64) -> list[dict[str, float]]:
-    """Return for each bin of the certainty how much of the area is right."""
-    sure = np.concatenate([np.clip(1 / (1 + np.exp(-(x @ weights))), 0.5, 1.0) for x, _, _ in rows])
-    right = np.concatenate([r for _, r, _ in rows])
-    area = np.concatenate([a / a.sum() for _, _, a in rows])
+def reliability(rows: Sequence[Said]) -> list[dict[str, float]]:
+    """Return for each bin of the certainty how much of the area is right; each recording counts alike."""
+    sure, right = (np.concatenate([row[n] for row in rows]) for n in (0, 1))
+    area = np.concatenate([a / a.sum() for _, _, a in rows]) / len(rows)
     found = []
     for low, high in itertools.pairwise(BINS):
-        at = (sure >= low) & (sure < high)
-        if area[at].sum() > 0:
-            found.append(
-                {
-                    "from": low,
-                    "said": round(float((sure * area)[at].sum() / area[at].sum()), 3),
-                    "right": round(float((right * area)[at].sum() / area[at].sum()), 3),
-                    "share": round(float(area[at].sum() / area.sum()), 3),
-                }
-            )
+        own = np.where((sure >= low) & (sure < high), area, 0.0)
+        share, mean = own.sum(), own @ np.stack([sure, right], axis=1) / max(own.sum(), 1e-12)
+        values = np.round([low, *mean, share], 3).tolist()
+        found.append(dict(zip(("from", "said", "right", "share"), values, strict=True)))
     return found
 
 
@@ -207,10 +222,8 @@ def after_one_stroke(recording: Any, truth: Any) -> Remembered:
     return Remembered(masked(recording, found if stroke is None else solver.solve([stroke])))
 
 
-def measured(
-    source: str, strokes: int = STROKES, other: bool = False
-) -> tuple[Row, list[tuple[Float64, Bool, Float64]]]:
-    """Measure one recording; return also what its certainty is learned from."""
+def measured(source: str, strokes: int = STROKES, other: bool = False) -> tuple[Row, list[Said]]:
+    """Measure one recording; return also what is said, unaided and after each stroke that is asked for."""
     recording, truth = Remembered(open_recording(source)), Truth(source)
     for n in range(len(recording)):  # read before the time is taken
         recording[n]
@@ -220,9 +233,8 @@ def measured(
     prepare = time.perf_counter() - began, time.process_time() - cpu
     first = seen_truth(observed, truth, *side_shown_first(observed, solver, truth))
     true = seen_truth(observed, truth, *wanted(truth, other))
-    rows = [calibration_rows(found, solver, first)]
-    unaided, as_asked = scored(found, first), scored(found, true)
-    scores, decisions, seconds = [as_asked], list[Decision](), list[float]()
+    unaided = scored(found, first)
+    scores, decisions, seconds = [scored(found, true)], list[Decision](), list[float]()
     for _ in range(strokes):
         stroke = stroke_at_largest_error(found, true)
         if stroke is not None:
@@ -230,9 +242,14 @@ def measured(
             cpu = time.process_time()
             found = solver.solve(decisions)
             seconds.append(time.process_time() - cpu)
-            if len(decisions) in (2, 4):
-                rows.append(calibration_rows(found, solver, true))
         scores.append(scored(found, true))
+    asked, answers, rows = [scores[0]], list[Decision](), [said(solver, (), first)]
+    for _ in range(ASKED):
+        stroke = stroke_where_asked(solver, answers, true)
+        if stroke is not None:
+            answers.append(stroke)
+        asked.append(scored(solver.solve(answers), true))
+        rows.append(said(solver, answers, true))
     row: Row = {
         "recording": recording.name,
         "garment": truth.garment,
@@ -242,7 +259,9 @@ def measured(
         "stroke_cpu_s": round(max(seconds, default=0.0), 3),
         "unaided": _table(unaided),
         "certainty_unaided": round(solver.solve(()).mean_certainty, 3),
+        "wrong_doubted": round(doubted(rows[:1]), 3),
         "strokes": [_table(score) for score in scores],
+        "asked": [_table(score) for score in asked],
         "made": len(decisions),
     }
     return row, rows
@@ -254,23 +273,19 @@ def _table(score: Score) -> dict[str, float]:
 
 def run(options: Options) -> None:
     """Measure, print and write ``results/segmentation.json`` (``segmentation_other.json``)."""
-    table, rows = [], dict[str, list[tuple[Float64, Bool, Float64]]]()
+    table, rows = [], list[list[Said]]()
     for source in sources(options.recordings):
         row, own = measured(source, 2 if options.quick else STROKES, options.other)
         table.append(row)
-        rows.setdefault(row["garment"], []).extend(own)
+        rows.append(own)
         say("   ".join(f"{key} {value}" for key, value in row.items()))
-    everything = [r for own in rows.values() for r in own]
-    weights = np.asarray(CALIBRATION)
-    found: dict[str, Any] = {"rows": table, "reliability": reliability(everything, weights)}
-    if len(rows) > 1:
-        kept_out = [
-            (reliability(own, learned([r for g, o in rows.items() if g != garment for r in o])), garment)
-            for garment, own in rows.items()
-        ]
-        found["reliability_leave_one_garment_out"] = {garment: bins for bins, garment in kept_out}
-        say("weights: " + ", ".join(f"{w:.2f}" for w in learned(everything)))
+    found: dict[str, Any] = {
+        "rows": table,
+        "reliability": reliability([each for own in rows for each in own]),
+        "wrong_doubted": [round(doubted(each), 3) for each in zip(*rows, strict=True)],
+    }
     for bins in found["reliability"]:
         say(f"  says {bins['said']:.2f}: right {bins['right']:.2f} ({bins['share']:.0%} of the area)")
+    say(f"  of the wrong cloth is doubted, unaided and after each stroke: {found['wrong_doubted']}")
     if not options.quick:
         save("segmentation_other" if options.other else "segmentation", found, recordings_of(table))

@@ -1,15 +1,11 @@
-"""What the benchmarks share: the unattended result, sides without masks, and what is fitted to figures."""
+"""What the benchmarks share: the unattended result and sides without masks."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from scipy.optimize import minimize
-
 from benchmarks.inputs import Remembered
 from flatcloth.core.config import Config
-from flatcloth.core.types import Bool, Float64
 from flatcloth.engine.garment import GarmentService, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
@@ -61,14 +57,3 @@ def side_solver(recording: Any, every: int = 1) -> SideSolver:
     integration = Integration(recording)
     frames = [recording[n] for n in range(0, len(recording), every)]
     return SideSolver(gather_evidence(frames, integration.axis, integration.views.held_point_m, Config()))
-
-
-def logistic(features: Float64, right: Bool, held: float, weight: Float64 | float = 1.0) -> Float64:
-    """Return the coefficients of a logistic regression (Cox, 1958), drawn to 0 but for the constant."""
-
-    def loss(coefficients: Float64) -> float:
-        odds = np.where(right, -1.0, 1.0) * (features @ coefficients)
-        return float((weight * np.logaddexp(0.0, odds)).sum() + held * np.square(coefficients[1:]).sum())
-
-    fitted: Float64 = minimize(loss, np.zeros(features.shape[1])).x
-    return fitted

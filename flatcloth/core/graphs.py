@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
@@ -85,16 +83,6 @@ def cell_of(x: int, y: int, z: int, cells: int) -> int:
     ``cells``, a power of two, is their number; many cubes lead to each.
     """
     return ((x * 73856093) ^ (y * 19349663) ^ (z * 83492791)) & (cells - 1)
-
-
-@njit(cache=True, nogil=True)
-def by_cell(places: Float64, size: float, cells: int) -> tuple[Int32, Int32]:
-    """Return where each cell begins (cells + 1,), and places (N, 3) in the order of their cells."""
-    cell = np.empty(len(places), dtype=np.int64)
-    for n in range(len(places)):
-        x, y, z = places[n]
-        cell[n] = cell_of(math.floor(x / size), math.floor(y / size), math.floor(z / size), cells)
-    return grouped(cell, cells)
 
 
 def cut_between(count: int, edges: NDArray[np.integer], capacity: Float64, one: Int64, other: Int64) -> Bool:

@@ -55,7 +55,7 @@ def _under_image(observed: Evidence, stroke: ImageStroke, name: str) -> Int64:
     if not depths.size:
         raise SegmentationError(f"{name}: there is no cloth under it; draw on the item.")
     radius_px = max(1.0, stroke.radius_m * view.intrinsics.fx / float(np.median(depths)))
-    line = _densified(points, 1.0)
+    (line,) = _densified(points, 1.0)
     low = np.maximum(np.floor(line.min(axis=0) - radius_px).astype(int), 0)
     high = np.minimum(np.ceil(line.max(axis=0) + radius_px).astype(int) + 1, (rows, cols))
     if (high <= low).any():
@@ -120,8 +120,8 @@ def _near_line(
     observed: Evidence, points: Sequence[Sequence[float]], normals: Sequence[Sequence[float]], radius_m: float
 ) -> Bool:
     """Clusters (M,) within the radius of a line on the cloth, whose normals are alike."""
-    line = _densified(np.asarray(points, dtype=np.float64), 0.5 * observed.config.cluster_m)
-    turned = _densified(np.asarray(normals, dtype=np.float64), None, len(line), points)
+    drawn, facing = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+    line, turned = _densified(drawn, 0.5 * observed.config.cluster_m, facing)
     farthest_m = max(radius_m, observed.config.cluster_m)
     distance, at = cKDTree(line).query(observed.clusters.place_m, distance_upper_bound=farthest_m)
     near = np.isfinite(distance)
@@ -130,19 +130,12 @@ def _near_line(
     return alike
 
 
-def _densified(
-    values: Float64,
-    step: float | None,
-    count: int | None = None,
-    points: Sequence[Sequence[float]] | None = None,
-) -> Float64:
-    """Return a polyline's points at this step; or values at its points, interpolated likewise."""
-    at = values if points is None else np.asarray(points, dtype=np.float64)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
+def _densified(points: Float64, step: float, *values: Float64) -> list[Float64]:
+    """Return the points of a polyline at this step, and values of its points interpolated likewise."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if along[-1] <= 0:
-        return np.repeat(values[:1], count or 1, axis=0)
-    if count is None:
-        assert step is not None
-        count = min(math.ceil(along[-1] / step) + 1, 100_000)
-    place = np.linspace(0.0, along[-1], count)
-    return np.stack([np.interp(place, along, column) for column in values.T], axis=1)
+        return [each[:1] for each in (points, *values)]
+    place = np.linspace(0.0, along[-1], min(math.ceil(along[-1] / step) + 1, 100_000))
+    return [
+        np.stack([np.interp(place, along, column) for column in each.T], axis=1) for each in (points, *values)
+    ]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flatcloth.core.compiled import njit
-from flatcloth.core.graphs import by_cell, cell_of
+from flatcloth.core.graphs import cell_of
 from flatcloth.core.types import Float32, Float64, Int32, Int64
 from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.settings import SegmentationConfig
@@ -23,9 +23,6 @@ from flatcloth.segmentation.settings import SegmentationConfig
 _BUCKETS = 1 << 17
 """Size of the hash table. Chosen: several times the clusters of a garment (20 000); a smaller one
 collides."""
-_NEAREST_FIRST = np.array(sorted(np.ndindex(3, 3, 3), key=lambda cell: sum(abs(n - 1) for n in cell))) - 1
-"""Offsets (27, 3) to a cell and its neighbours, the nearest first, by definition: a near cluster, found
-early, bounds the search in the other cells."""
 _AREA = 1.11
 """Area of a cluster divided by its squared radius; tests/segmentation checks it on a plate of known area."""
 
@@ -78,12 +75,10 @@ def gather(
         offset_m=max(config.cluster_m / 4.0, config.cluster_noise * noise_m),
         least_cos=config.alike_cos,
     )
-    place, normal = _seeded(points_m, normals, np.argsort(-facing, kind="stable"), limits)
-    of_pixel = np.empty(len(points_m), dtype=np.int32)
-    _assign_together(points_m, normals, limits, place, normal, of_pixel)
-    _averaged(points_m, normals, facing, of_pixel, place, normal)
-    _assign_together(points_m, normals, limits, place, normal, of_pixel)
-    pixels, best = _averaged(points_m, normals, facing, of_pixel, place, normal)
+    place, normal = _begun(points_m, normals, np.argsort(-facing, kind="stable"), limits)
+    for _ in range(2):
+        of_pixel = _assigned(points_m, normals, limits, place, normal)
+        pixels, best = _averaged(points_m, normals, facing, of_pixel, place, normal)
     kept = pixels > 0
     number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
     assigned = of_pixel >= 0
@@ -108,114 +103,85 @@ class _Limits(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _cell(value: float, size: float) -> int:
-    return math.floor(value / size)
-
-
-@njit(cache=True, nogil=True)
-def _seeded(points: Float32, normals: Float32, order: Int64, limits: _Limits) -> tuple[Float64, Float64]:
+def _begun(points: Float32, normals: Float32, order: Int64, limits: _Limits) -> tuple[Float64, Float64]:
     """Select each point, in order, that no cluster selected before covers."""
-    radius, _, _ = limits
-    capacity = min(len(points), 400_000)
-    sheets = np.empty((capacity, 6))
-    head, following = np.full(_BUCKETS, -1, np.int32), np.full(capacity, -1, np.int32)
-    count = 0
+    head, following = np.full(_BUCKETS, -1, np.int32), np.empty(len(points), np.int32)
+    begun, count = np.empty((len(points), 6), np.float32), 0
     for i in order:
-        x, y, z = _cell(points[i, 0], radius), _cell(points[i, 1], radius), _cell(points[i, 2], radius)
-        covered = False
-        for n in range(27):
-            dx, dy, dz = _NEAREST_FIRST[n]
-            j = head[cell_of(x + dx, y + dy, z + dz, _BUCKETS)]
-            while j >= 0:
-                if _distance(points, normals, i, limits, sheets, j, np.inf) < np.inf:
-                    covered = True
-                    break
-                j = following[j]
-            if covered:
-                break
-        if not covered and count < capacity:
-            for k in range(3):
-                sheets[count, k], sheets[count, 3 + k] = points[i, k], normals[i, k]
-            h = cell_of(x, y, z, _BUCKETS)
-            following[count] = head[h]
-            head[h] = count
+        if _nearest(points, normals, i, limits, begun, head, following) < 0:
+            begun[count, :3], begun[count, 3:] = points[i], normals[i]
+            _list(begun, count, limits, head, following)
             count += 1
-    return sheets[:count, :3].copy(), sheets[:count, 3:].copy()
+    return begun[:count, :3].astype(np.float64), begun[:count, 3:].astype(np.float64)
 
 
-def _assign_together(
-    points: Float32,
-    normals: Float32,
-    limits: _Limits,
-    place: Float64,
-    normal: Float64,
-    of_pixel: Int32,
-) -> None:
-    """Call :func:`_assign` on shares of the pixels, in parallel."""
-    first, which = by_cell(place, limits.radius_m, _BUCKETS)
-    sheets = np.concatenate([place, normal], axis=1)[which]
+def _assigned(points: Float32, normals: Float32, limits: _Limits, place: Float64, normal: Float64) -> Int32:
+    """Return the nearest cluster on the layer of each pixel (N,), -1 without one; in parallel."""
+    sheets = np.concatenate([place, normal], axis=1)
     ends = np.linspace(0, len(points), THREADS + 1).astype(int)
     shares = [slice(*pair) for pair in itertools.pairwise(ends)]
-
-    def share(own: slice) -> None:
-        _assign(points[own], normals[own], limits, first, sheets, of_pixel[own])
-        of_pixel[own] = np.append(which, np.int32(-1))[of_pixel[own]]
-
     with ThreadPoolExecutor(THREADS) as pool:
-        list(pool.map(share, shares))
+        found = pool.map(lambda own: _nearest_of(points[own], normals[own], limits, sheets), shares)
+        return np.concatenate(list(found))
 
 
 @njit(cache=True, nogil=True)
-def _assign(
-    points: Float32, normals: Float32, limits: _Limits, first: Int32, sheets: Float64, of_pixel: Int32
-) -> None:
-    """Assign each pixel to the nearest cluster on its layer; distance along the normal counts twice.
-
-    ``sheets`` (K, 6): place and normal of each cluster, ordered by bucket; ``first`` those of each bucket.
-    """
-    radius, offset, _ = limits
-    reach = radius * radius + offset * offset
-    cell, gap, best = np.empty(3, np.int64), np.zeros((3, 3)), -1
+def _nearest_of(points: Float32, normals: Float32, limits: _Limits, sheets: Float64) -> Int32:
+    head, following = np.full(_BUCKETS, -1, np.int32), np.empty(len(sheets), np.int32)
+    for n in range(len(sheets)):
+        _list(sheets, n, limits, head, following)
+    found = np.empty(len(points), np.int32)
     for i in range(len(points)):
-        for k in range(3):  # squared distances to the cells before, here, and after
-            cell[k] = _cell(points[i, k], radius)
-            inside = points[i, k] - radius * cell[k]
-            gap[k, 0], gap[k, 2] = inside * inside, (radius - inside) ** 2
-        # The compared value is at least the squared distance to the cluster, and thus to its cell. That of
-        # the cluster of the pixel before is small, so that few cells are nearer.
-        least = _distance(points, normals, i, limits, sheets, best, reach) if best >= 0 else np.inf
-        best = best if least < np.inf else -1
-        for dx in (0, -1, 1):
-            along_x = gap[0, dx + 1]
-            for dy in (0, -1, 1):
-                along_y = along_x + gap[1, dy + 1]
-                for dz in (0, -1, 1):
-                    if along_y + gap[2, dz + 1] >= min(least, reach):
-                        continue
-                    h = cell_of(cell[0] + dx, cell[1] + dy, cell[2] + dz, _BUCKETS)
-                    for j in range(first[h], first[h + 1]):
-                        distance = _distance(points, normals, i, limits, sheets, j, min(least, reach))
-                        if distance < least:
-                            best, least = j, distance
-        of_pixel[i] = best
+        found[i] = _nearest(points, normals, i, limits, sheets, head, following)
+    return found
 
 
 @njit(cache=True, nogil=True)
-def _distance(
-    points: Float32, normals: Float32, i: int, limits: _Limits, sheets: Float64, j: int, bound: float
-) -> float:
-    """Return the compared distance of a pixel to a cluster; inf on another layer, or from ``bound`` on."""
+def _cell(place: Float32 | Float64, size: float) -> tuple[int, int, int]:
+    return math.floor(place[0] / size), math.floor(place[1] / size), math.floor(place[2] / size)
+
+
+@njit(cache=True, nogil=True)
+def _list(sheets: Float32 | Float64, n: int, limits: _Limits, head: Int32, following: Int32) -> None:
+    """Add a cluster to the list of its bucket; ``sheets`` (K, 6) are their places and normals."""
+    x, y, z = _cell(sheets[n], limits.radius_m)
+    bucket = cell_of(x, y, z, _BUCKETS)
+    following[n], head[bucket] = head[bucket], n
+
+
+@njit(cache=True, nogil=True)
+def _nearest(
+    points: Float32,
+    normals: Float32,
+    i: int,
+    limits: _Limits,
+    sheets: Float32 | Float64,
+    head: Int32,
+    following: Int32,
+) -> int:
+    """Return the nearest cluster on the layer of a pixel, -1 if there is none.
+
+    The distance along the normal counts twice.
+    """
     radius, offset, least_cos = limits
-    turn, along, distance = 0.0, 0.0, 0.0
-    for k in range(3):
-        d = points[i, k] - sheets[j, k]
-        turn += normals[i, k] * sheets[j, 3 + k]
-        along += d * sheets[j, 3 + k]
-        distance += d * d
-    across = distance - along * along
-    if distance < bound and turn > least_cos and across < radius * radius and abs(along) < offset:
-        return across + 4.0 * along * along + (1.0 - turn) * radius * radius
-    return np.inf
+    x, y, z = _cell(points[i], radius)
+    best, least = -1, np.inf
+    for right, down, forth in np.ndindex(3, 3, 3):
+        j = head[cell_of(x + right - 1, y + down - 1, z + forth - 1, _BUCKETS)]
+        while j >= 0:
+            turn, along, distance = 0.0, 0.0, 0.0
+            for k in range(3):
+                d = points[i, k] - sheets[j, k]
+                turn += normals[i, k] * sheets[j, 3 + k]
+                along += d * sheets[j, 3 + k]
+                distance += d * d
+            across = distance - along * along
+            if turn > least_cos and across < radius * radius and abs(along) < offset:
+                compared = across + 4.0 * along * along + (1.0 - turn) * radius * radius
+                if compared < least:
+                    best, least = j, compared
+            j = following[j]
+    return best
 
 
 @njit(cache=True, nogil=True)

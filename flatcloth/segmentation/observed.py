@@ -35,7 +35,7 @@ from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
 from flatcloth.segmentation.inner import inner_faces
 from flatcloth.segmentation.item import CutOff, checked, find_item
-from flatcloth.segmentation.partition import partition
+from flatcloth.segmentation.partition import divided
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
 from flatcloth.segmentation.settings import SegmentationConfig
 
@@ -328,7 +328,8 @@ def start_sheet(observed: Evidence) -> Int64:
     """Return the clusters in the middle of the largest well-seen sheet of the start view."""
     number = observed.start_view
     view = observed.views[number]
-    side = partition(observed.graph).side
+    g = observed.graph
+    side, _ = divided(g.count, g.first, g.second, g.weight)
     shown = np.zeros(observed.clusters.count)
     at = view.surface
     np.add.at(shown, view.cluster[at], view.area_m2[at])
@@ -340,7 +341,6 @@ def start_sheet(observed: Evidence) -> Int64:
         good = shown > 0
     if not good.any():
         raise SegmentationError(f"View {number}: no surface of the item is seen well enough to begin with.")
-    g = observed.graph
     joined = (g.weight > 0) & good[g.first] & good[g.second] & (side[g.first] == side[g.second])
     label = g.components(joined)
     sheet = good & (label == np.bincount(label[good], shown[good]).argmax())

@@ -63,6 +63,6 @@ def _opposite_share(observed: Evidence, given: Bool) -> Float32:
     kept = (graph.weight < 0) | (given[graph.first] == given[graph.second])
     clamped = replace(graph, first=graph.first[kept], second=graph.second[kept], weight=graph.weight[kept])
     divisions = Divisions(clamped, observed.clusters.place_m, observed.config)
-    samples = divisions.sides(given.astype(np.float64), np.empty(0, dtype=np.int64))
+    samples = divisions.sides(given.astype(np.float64))
     share: Float32 = 0.5 - 0.5 * samples.mean(axis=0, dtype=np.float32)
     return share

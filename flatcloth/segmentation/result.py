@@ -6,10 +6,9 @@ import zlib
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from flatcloth.core.strokes import Decision
-from flatcloth.core.types import Bool, Float32, Floats
+from flatcloth.core.types import Bool, Float32
 from flatcloth.segmentation.item import CutOff
 from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.partition import Int8
@@ -33,15 +32,10 @@ class ViewSegmentation:
 
 @dataclass(frozen=True, kw_only=True)
 class Suggestion:
-    """Where a stroke would help most: a pixel of a view, its place and normal in the object frame.
-
-    ``gain_m2`` is the area that the stroke would determine, weighted by its uncertainty.
-    """
+    """Where a stroke would help most: a pixel of a view, and how much less cloth is expected wrong then."""
 
     view_index: int
     rc: tuple[int, int]
-    point_m: tuple[float, float, float]
-    normal: tuple[float, float, float]
     gain_m2: float
     text: str
 
@@ -51,7 +45,7 @@ class Segmentation:
     """The sides of the cloth.
 
     ``side`` (M,) int8 and ``certainty`` (M,) float32 are those of ``observed.clusters``; the methods
-    give them for pixels and for places. ``conflicts`` says which decisions contradict each other, ``changed``
+    give them for pixels. ``conflicts`` says which decisions contradict each other, ``changed``
     what the last one changed ("": there is none).
     """
 
@@ -137,26 +131,6 @@ class Segmentation:
         if seen is None:
             return 0
         return zlib.crc32(np.packbits(self.side[seen.shows] == OF_INTEREST).tobytes())
-
-    def at(self, points_m: Floats, normals: Floats) -> tuple[Int8, Float32]:
-        """Return side and certainty (N,) of places on the cloth (N, 3) with normals (N, 3), object frame.
-
-        ``NO_ITEM`` with certainty 0 where no cloth with such a normal was seen.
-        """
-        places, turned = np.asarray(points_m, dtype=np.float64), np.asarray(normals, dtype=np.float64)
-        clusters = self.observed.clusters
-        radius_m = self.observed.config.near_m
-        distance, near = cKDTree(clusters.place_m).query(places, k=8, distance_upper_bound=radius_m)
-        found = np.isfinite(distance)
-        near = np.where(found, near, 0)
-        alike = found & (
-            np.einsum("nkc,nc->nk", clusters.normal[near], turned) > self.observed.config.alike_cos
-        )
-        first = alike.argmax(axis=1)
-        cluster = near[np.arange(len(places)), first]
-        any_ = alike.any(axis=1)
-        side: Int8 = np.where(any_, self.side[cluster], NO_ITEM).astype(np.int8)
-        return side, np.where(any_, self.certainty[cluster], 0.0).astype(np.float32)
 
 
 def views_showing(observed: Evidence, clusters: Bool) -> tuple[int, ...]:

@@ -38,10 +38,9 @@ class SegmentationConfig:
     samples: int = 32
     """Divisions by disturbed evidence; the certainty is computed from them."""
     disturbance_m: float = 0.05
-    """The disturbance of the evidence (standard deviation: a factor e) is correlated over this distance."""
-    guess: float = 30.0
-    """Evidence that the largest sheet of the start view is of interest: twice that around a brush mark, so
-    that a small stroke alone does not outweigh it. Chosen: 15 and 60 give as many right sides."""
+    """Errors of the evidence of a pair, and prints, are alike over this distance; errors along a seam in
+    smooth cloth, by which the evidence is disturbed (standard deviation: a factor e squared), over four times
+    as much."""
     least_region: int = 30
     """Fewest clusters of an inner face. Chosen."""
     least_certainty: float = 0.7

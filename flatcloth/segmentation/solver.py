@@ -11,7 +11,6 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.strokes import Cut, Decision
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.brushes import beyond, under
-from flatcloth.segmentation.certainty import calibrated
 from flatcloth.segmentation.color import alike_in_color
 from flatcloth.segmentation.item import LEAST_AREA_M2
 from flatcloth.segmentation.observed import Evidence, start_sheet
@@ -29,25 +28,20 @@ from flatcloth.segmentation.result import (
 
 @dataclass(frozen=True, kw_only=True)
 class _State:
-    """What some decisions say, and the divisions that agree with them.
+    """What some decisions say, and samples of the sides that agree with them.
 
-    ``known`` (M,) float64 is the side of each cluster under a stroke, 1 or -1; 0 elsewhere. ``holder`` (M,)
-    is the decision that says so, -1 if none does. ``inner`` (M,) is True on inner faces that a stroke says
-    are not of interest; ``excluded`` (M,) where a cut removed it; ``divisions`` (K, M) are the sides.
+    ``said`` (M,) float64 is the side of each cluster under a stroke, 1 or -1; 0 elsewhere. ``holder`` (M,)
+    is the decision that says so, -1 if none does. ``excluded`` (M,) is True where a cut removed it.
+    ``divisions`` (K, M) are the sides by the evidence; ``inner`` (K, F) is True where what looks like an
+    inner face is one, so that it is none of interest.
     """
 
-    known: Float64
+    said: Float64
     holder: Int64
-    inner: Bool
     excluded: Bool
     conflicts: tuple[str, ...]
     divisions: Int8
-
-    @property
-    def side(self) -> Float64:
-        """The side (M,) in most divisions, 1 or -1; 0 where none joins a cluster to what is known."""
-        most: Float64 = np.sign(self.divisions.sum(axis=0, dtype=np.float64))
-        return most
+    inner: Bool
 
 
 class SideSolver:
@@ -67,6 +61,9 @@ class SideSolver:
         self._results: Cache[Segmentation] = Cache(64, 64 << 20)
         self.start_sheet = start_sheet(observed)
         """Middle of the largest well-seen sheet of the start view: the side of interest without strokes."""
+        outer = np.isin(observed.inner, observed.inner[self.start_sheet])
+        self._face = np.unique(np.where(outer, -1, observed.inner), return_inverse=True)[1]
+        """What looks like an inner face, by number (M,); 0 elsewhere."""
 
     def solve(self, decisions: Sequence[Decision]) -> Segmentation:
         """Return the sides after these decisions, in order.
@@ -83,55 +80,49 @@ class SideSolver:
         key = tuple(decisions)
         return self._results.get(key, lambda: self._result(key))
 
-    def most_probable(self, decisions: Sequence[Decision]) -> Float64:
-        """Return the side (M,) of most divisions, 1 or -1, even if undecided; 0: none, or an inner face."""
-        state = self._state(tuple(decisions))
-        return np.where(state.inner, -1.0, np.where(self._doubted(state), 0.0, state.side))
-
-    def agreement(self, decisions: Sequence[Decision]) -> Float64:
-        """Return for each cluster (M,) how probably it is on the side that most divisions place it on."""
-        divisions = self._state(tuple(decisions)).divisions
-        count = len(divisions)
-        share: Float64 = 0.5 + 0.5 * np.abs(divisions.mean(axis=0)) * count / (count + 1.0)
-        return share
+    def probability(self, decisions: Sequence[Decision]) -> Float64:
+        """Return how probably each cluster (M,) is of interest."""
+        return self._probability(self._state(tuple(decisions)))
 
     def places(self, decisions: Sequence[Decision]) -> Iterator[Suggestion]:
-        """Yield where strokes would determine most: first the largest area, then what it leaves uncertain."""
-        now, state = self.solve(decisions), self._state(tuple(decisions))
-        clusters = self.observed.clusters
-        unsure = np.where(state.excluded, 0.0, clusters.area_m2 * (1.0 - now.certainty))
-        if unsure.sum() < LEAST_AREA_M2:
-            return
-        inside = self._off_borders(state) & (state.holder < 0)
-        weight = np.where(inside, unsure * clusters.facing**4, 0.0)
-        if not weight.any():
-            return
-        random = np.random.default_rng(0)
-        count = min(self.observed.config.samples, int((weight > 0).sum()))
-        chosen = random.choice(len(weight), count, replace=False, p=weight / weight.sum())
-        divisions = state.divisions.astype(np.float32)
-        together = np.square(divisions[:, chosen].T @ divisions / len(divisions))
-        together[np.arange(count), chosen] = 1.0
-        for order in range(count):
-            gain = together @ unsure
-            gain_m2, row = float(gain.max()), int(gain.argmax())
-            if order and gain_m2 < LEAST_AREA_M2:
+        """Yield where strokes would help most, each after those before.
+
+        A stroke tells which samples of the sides agree with it. It helps by the area that is expected to be
+        wrong without it, and no more with it. Cloth of the same side in every sample is a patch.
+        """
+        state = self._state(tuple(decisions))
+        clusters, graph = self.observed.clusters, self.observed.graph
+        shown, weight = self._samples(state)
+        if not state.said.any():  # perhaps the operator wants the other side
+            turned = np.where(state.inner[:, self._face], -1, -state.divisions)
+            guess = self.observed.config.sure
+            shown = np.concatenate([shown, turned]).astype(np.int8)
+            weight = np.concatenate([guess * weight, (1.0 - guess) * weight])
+        area = np.where(state.excluded | (state.holder >= 0), 0.0, clusters.area_m2)
+        middle = (area > 0.0) & (clusters.facing > self.observed.config.alike_cos)
+        side = np.sign(weight @ shown)
+        border = (graph.weight > 0) & (side[graph.first] != side[graph.second])
+        middle[np.concatenate([graph.first[border], graph.second[border]])] = False
+        patches, patch = np.unique(shown, axis=1, return_inverse=True)
+        area_m2 = np.bincount(patch, area)
+        doubt_m2 = area_m2 * (1.0 - np.abs(weight @ patches)) * (np.bincount(patch, middle) > 0)
+        chosen = np.argsort(-doubt_m2)[: self.observed.config.samples]
+        cells = weight[None]  # of the samples that agree with the same sides of the places before
+        while True:
+            apart = [np.concatenate([cells * on, cells * ~on]) for on in patches[:, chosen].T > 0]
+            right_m2 = [float((np.abs(own @ patches) @ area_m2).sum()) for own in (cells, *apart)]
+            best = int(np.argmax(right_m2[1:]))
+            gain_m2 = 0.5 * (right_m2[1 + best] - right_m2[0])
+            if gain_m2 < LEAST_AREA_M2:
                 return
-            unsure = unsure * (1.0 - together[row])
-            best = int(chosen[row])
-            seen = best_view(self.observed, best)
-            if seen is None:
+            cells = apart[best][apart[best].any(axis=1)]
+            inside = np.flatnonzero(middle & (patch == chosen[best]))
+            off_m = np.linalg.norm(clusters.place_m[inside] - clusters.place_m[inside].mean(axis=0), axis=1)
+            at = int(inside[off_m.argmin()])
+            if (seen := best_view(self.observed, at)) is None:
                 return
-            view, rc = seen
-            place, normal = clusters.place_m[best].tolist(), clusters.normal[best].tolist()
-            yield Suggestion(
-                view_index=view,
-                rc=rc,
-                point_m=(place[0], place[1], place[2]),
-                normal=(normal[0], normal[1], normal[2]),
-                gain_m2=gain_m2,
-                text=f"A stroke here, in view {view}, would settle about {1e4 * gain_m2:.0f} cm2.",
-            )
+            text = f"A stroke here, in view {seen[0]}, would settle about {1e4 * gain_m2:.0f} cm2."
+            yield Suggestion(view_index=seen[0], rc=seen[1], gain_m2=gain_m2, text=text)
 
     # ---------------------------------------------------------------- states
 
@@ -141,43 +132,62 @@ class SideSolver:
         return self._states.get(decisions, lambda: self._after(self._state(decisions[:-1]), decisions))
 
     def _begin(self) -> _State:
-        count = self.observed.clusters.count
-        known, nowhere = np.zeros(count), np.zeros(count, dtype=np.bool_)
+        count, samples = self.observed.clusters.count, self.observed.config.samples
+        begin = np.zeros(count)
+        begin[self.start_sheet] = 1.0
+        # Each face is an inner one in half of the samples, whatever the others are.
+        half = np.tile(np.arange(samples) % 2 == 0, (int(self._face.max()) + 1, 1))
+        inner = np.random.default_rng(0).permuted(half, axis=1).T
+        inner[:, 0] = False
         return _State(
-            known=known,
+            said=np.zeros(count),
             holder=np.full(count, -1, dtype=np.int64),
-            inner=nowhere,
-            excluded=nowhere,
+            excluded=np.zeros(count, dtype=np.bool_),
             conflicts=(),
-            divisions=self._divisions.sides(known, self.start_sheet),
+            divisions=self._divisions.sides(begin),
+            inner=inner,
         )
 
     def _after(self, state: _State, decisions: tuple[Decision, ...]) -> _State:
         number, decision = len(decisions) - 1, decisions[-1]
         name = f"decision {number + 1}"
         if isinstance(decision, Cut):
-            of_interest = (state.side > 0) & ~state.inner & ~state.excluded
+            of_interest = (self._probability(state) > 0.5) & ~state.excluded
             excluded = state.excluded.copy()
             excluded[beyond(self.observed, decision, of_interest, name)] = True
             return replace(state, excluded=excluded)
         touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
-        known, holder, face = state.known.copy(), state.holder.copy(), self.observed.inner
-        own = (face >= 0) & np.isin(face, face[touched])
-        inner = state.inner & ~own if wanted > 0 else state.inner | (own & (known <= 0.0))
-        # An inner face that is none of interest lies where the divisions have it.
-        known[touched] = np.where(inner[touched], state.side[touched], wanted)
-        holder[touched] = number
+        said, holder, inner = state.said.copy(), state.holder.copy(), state.inner.copy()
+        said[touched], holder[touched] = wanted, number
+        inner[:, np.setdiff1d(self._face[touched], 0)] = wanted < 0
         return replace(
             state,
-            known=known,
+            said=said,
             holder=holder,
             inner=inner,
             conflicts=(*state.conflicts, *self._conflicts(state, touched, wanted, number)),
-            divisions=self._divisions.sides(known, self.start_sheet, state.divisions),
+            divisions=self._agreeing(state, said),
         )
 
+    def _agreeing(self, state: _State, said: Float64) -> Int8:
+        """Return divisions (K, M) that agree with what is said.
+
+        The first stroke also says which side is of interest; later ones leave that as it is in each division.
+        """
+        before, known = (np.where((self._face > 0) & (each < 0), 0.0, each) for each in (state.said, said))
+        turned = (state.divisions @ known < 0.0) & ~before.any()
+        divisions = np.where(turned[:, None], -state.divisions, state.divisions)
+        conditions = np.tile(known, (len(divisions), 1))
+        toward = np.sign(known[self.start_sheet].sum()) or self._toward(divisions)
+        conditions[:, self.start_sheet] += (known[self.start_sheet] == 0.0) * np.reshape(toward, (-1, 1))
+        return self._divisions.sides(conditions, divisions)
+
+    def _toward(self, divisions: Int8) -> Float64:
+        """Return on which side (K,) the sheet of the start view lies in each division, 1 or -1."""
+        return np.where(divisions[:, self.start_sheet].sum(axis=1) < 0, -1.0, 1.0)
+
     def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[str]:
-        against = touched[state.known[touched] == -wanted]
+        against = touched[state.said[touched] == -wanted]
         found = []
         for earlier in np.unique(state.holder[against]):
             area = float(self.observed.clusters.area_m2[against[state.holder[against] == earlier]].sum())
@@ -189,16 +199,30 @@ class SideSolver:
 
     # ---------------------------------------------------------------- results
 
+    def _samples(self, state: _State) -> tuple[Int8, Float64]:
+        """Return samples (K, M) of what is of interest, 1 or -1, and their probabilities (K,).
+
+        The sheet of the start view is of interest as probably as what is called sure. Both sheets of a
+        garment are seen: the difference of their areas has a standard deviation of a quarter of the whole.
+        """
+        shown = np.where(state.inner[:, self._face], -1, state.divisions).astype(np.int8)
+        area, guess = self.observed.clusters.area_m2, self.observed.config.sure
+        difference = state.divisions @ area / area.sum()
+        weight = np.where(self._toward(state.divisions) > 0.0, guess, 1.0 - guess)
+        weight *= np.exp(-0.5 * np.square(4.0 * difference))
+        return shown, weight / weight.sum()
+
+    def _probability(self, state: _State) -> Float64:
+        shown, weight = self._samples(state)
+        mean = weight @ shown * len(weight) / (len(weight) + 1.0)
+        return np.where(state.excluded, 0.0, np.where(state.said != 0.0, state.said > 0.0, 0.5 + 0.5 * mean))
+
     def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:
         state, observed = self._state(decisions), self.observed
-        certainty = calibrated(observed.clusters, self.agreement(decisions))
-        certainty[state.side == 0] = 0.5
-        held, shown = state.holder >= 0, (state.side > 0) & ~state.inner
-        certainty[shown & self._doubted(state)] = 0.5
-        certainty[held | state.excluded] = 1.0
-        side = np.where(shown, OF_INTEREST, OTHER).astype(np.int8)
-        side[(certainty < observed.config.least_certainty) & ~state.inner] = UNDECIDED
-        side[state.excluded] = OTHER
+        probability = self._probability(state)
+        certainty = np.maximum(probability, 1.0 - probability).astype(np.float32)
+        side = np.where(probability > 0.5, OF_INTEREST, OTHER).astype(np.int8)
+        side[certainty < observed.config.least_certainty] = UNDECIDED
         found = Segmentation(
             observed=observed,
             decisions=decisions,
@@ -207,12 +231,6 @@ class SideSolver:
             conflicts=state.conflicts,
         )
         return replace(found, changed=self._changed(found)) if decisions else found
-
-    def _doubted(self, state: _State) -> Bool:
-        """Clusters (M,) on what looks like an inner face; only a stroke shows that it is none."""
-        face = self.observed.inner
-        doubted: Bool = ~np.isin(face, [*face[(state.known > 0) & ~state.inner], *face[self.start_sheet], -1])
-        return doubted
 
     def _changed(self, now: Segmentation) -> str:
         before, area = self.solve(now.decisions[:-1]), self.observed.clusters.area_m2
@@ -225,14 +243,3 @@ class SideSolver:
         return text + (
             f", of which {1e4 * sure_m2:.0f} cm2 were sure before." if sure_m2 >= LEAST_AREA_M2 else "."
         )
-
-    # ---------------------------------------------------------------- where to go on
-
-    def _off_borders(self, state: _State) -> Bool:
-        """Clusters (M,) none of whose neighbours lies on the other side."""
-        g = self.observed.graph
-        apart = (g.weight > 0) & (state.side[g.first] != state.side[g.second])
-        inner = np.ones(g.count, dtype=np.bool_)
-        inner[g.first[apart]] = False
-        inner[g.second[apart]] = False
-        return inner

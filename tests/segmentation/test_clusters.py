@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flatcloth.segmentation.clusters import _assign_together, _averaged, _Limits, gather
+from flatcloth.segmentation.clusters import _assigned, _averaged, _Limits, gather
 from flatcloth.segmentation.settings import SegmentationConfig
 
 
@@ -17,16 +17,13 @@ def test_each_pixel_is_of_the_nearest_cluster_on_its_layer() -> None:
     tilt /= np.linalg.norm(tilt, axis=1, keepdims=True)
     normals, normal = tilt[400:].astype(np.float32), tilt[:400]
     place = random.uniform(-0.05, 0.05, (400, 3))
-    found = np.empty(len(points), dtype=np.int32)
-    _assign_together(points, normals, limits, place, normal, found)
+    found = _assigned(points, normals, limits, place, normal)
 
     off = points[:, None].astype(float) - place
     turn, along = normals.astype(float) @ normal.T, np.einsum("nmk,mk->nm", off, normal)
     across = (off**2).sum(axis=2) - along**2
     fits = (turn > limits.least_cos) & (np.abs(along) < limits.offset_m) & (across < limits.radius_m**2)
     distance = across + 4.0 * along**2 + (1.0 - turn) * limits.radius_m**2
-    # Beyond the radius and the offset together nothing is compared.
-    fits &= (off**2).sum(axis=2) < limits.radius_m**2 + limits.offset_m**2
     best = np.where(fits, distance, np.inf)
     nearest = np.where(np.isfinite(best.min(axis=1)), best.argmin(axis=1), -1)
     assert (nearest >= 0).sum() > 200

@@ -158,17 +158,6 @@ def test_cloth_beyond_a_cut_is_not_of_interest(solver):
         solver.solve((stroke(), short))
 
 
-def test_places_have_the_side_of_the_layer_their_normal_means(solver):
-    found = solver.solve((stroke(),))
-    z = AXIS.point_m[2]
-    points = np.array([[0.0, 0.0, z], [0.0, 0.0, z], [0.0, 0.0, z + 0.3]])
-    normals = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    side, certainty = found.at(points, normals)
-    assert side.tolist() == [OF_INTEREST, OTHER, NO_ITEM]
-    assert certainty[:2].min() > 0.7
-    assert certainty[2] == 0
-
-
 def test_the_view_says_side_and_certainty_of_every_pixel_of_the_item(solver):
     found = solver.solve(())
     view, seen = found.view(3), solver.observed.views[3]
