@@ -20,6 +20,7 @@ from flatcloth.export.figures import Figure, draw_curves, plan_of, side_of
 from flatcloth.export.files import printed
 from flatcloth.export.garment import summary
 from flatcloth.export.history import (
+    ACCEPTED,
     FLAGS,
     OVERRIDDEN,
     SKIPPED,
@@ -81,7 +82,6 @@ def _head(session: OpenedSession) -> Iterable[str]:
     header = history.header
     views = ", ".join(f"{step.view_index} ({step.angle_deg:g}\u00b0)" for step in growth.steps)
     camera, day = recording.intrinsics, header.created[:10] or "at an unknown time"
-    ended = history.document.finished or "Not finished: more views may be added."
     limit = session.integration.accept_score
     flags = Flags(limit, overridden(history, limit))
     flagged = [
@@ -89,7 +89,10 @@ def _head(session: OpenedSession) -> Iterable[str]:
         for added in history.document.accepted
     ]
     count = {word: sum(d.verdict == word for d in history.decisions) for word in VERDICTS}
-    counted = [f"{n} {word}" for word, n in count.items() if n or word != SKIPPED]
+    stood = sum(d.stands and d.verdict == ACCEPTED for d in history.decisions)
+    at_once = len(history.document.accepted) - stood
+    counted = [f"{at_once} views accepted at once"] if at_once else []
+    counted += [f"{n} {word}" for word, n in count.items() if n or (word != SKIPPED and not at_once)]
     gone = sum(not d.stands for d in history.decisions)
     counted += [f"{gone} of them taken back"] if gone else []
     yield f"<h1>{escape(header.recording.name)}</h1>"
@@ -103,7 +106,7 @@ def _head(session: OpenedSession) -> Iterable[str]:
         ("Views, in order", views),
         ("Decisions", ", ".join(counted)),
         *((name, words) for name, words in flagged if words),
-        ("End", ended),
+        ("End", history.document.finished or "Not finished: more views may be added."),
     ]
     rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts)
     yield f'<dl class="facts">{rows}</dl>'
@@ -116,12 +119,9 @@ def _head(session: OpenedSession) -> Iterable[str]:
 
 def _floating(sheet: Sheet) -> Iterable[tuple[str, str]]:
     for piece in sheet.pieces:
-        area = f"{1e4 * piece.view.area_m2:.0f} cm\u00b2"
         where = "floats" if piece.placed is None else "part of the shape"
-        yield (
-            f"Piece {piece.label}",
-            f"{where}, {area}; views {', '.join(map(str, piece.views))}. {piece.reason}",
-        )
+        text = f"{where}, {1e4 * piece.view.area_m2:.0f} cm\u00b2; views {', '.join(map(str, piece.views))}."
+        yield f"Piece {piece.label}", f"{text} {piece.reason}"
 
 
 def _settings(config: Config) -> Iterable[str]:
