@@ -22,8 +22,9 @@ export class StatusLines extends PagePart {
     byId("hint").hidden = state.mode === "camera";
     setText(byId("hint"), hint(this.page)); // of this side, also while the garment is turned over
     this.showProgress(state.progress);
+    byId("cancel").hidden = state.phase !== "computing"; // nothing else can be cancelled
     this.showNotes(state);
-    this.showBusy(Boolean(state.drawing));
+    this.showBusy(state.drawing && state.layers !== null); // without a picture, its place says so
   }
 
   /** While the session is ahead of the shape that is shown, and not for the blink of an eye. */

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import structs
@@ -57,8 +57,10 @@ from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import NoteLevel, Progress
 from flatcloth.viewer.protocol.snapshot import of_session, with_ghosts
 from flatcloth.viewer.protocol.state import AutoInfo
-from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.worker import attempt, awaited
+
+if TYPE_CHECKING:
+    from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
 
@@ -519,10 +521,15 @@ class SessionWork:
             self._asked = None
         elif self._asked is not document and not (request is not None and self._ahead_of(state)):
             self._asked = document
+
+            def take(made: Picture | str) -> None:
+                self.progress = None if self._running is None else self.progress
+                self._page.drawn(made)
+
             self._page.executor.compute(
                 "work",
                 lambda: self._draw(document),
-                self._page.drawn,
+                take,
                 "drawing",
                 lambda: self._asked is document,  # otherwise a decision has changed it
             )
@@ -563,19 +570,10 @@ class SessionWork:
         running = self._running = request, object()
         self.progress = Progress(share=0.0, text="Waiting")
 
-        def note(progress: Progress) -> None:
-            if self._running is not running:
-                return
-            self.progress = progress
-            now_s = time.monotonic()
-            if now_s - self._reported_at_s >= PROGRESS_INTERVAL_S:
-                self._reported_at_s = now_s
-                self._page.tabs.tell(None, progress)
-
         def progress(share: float, text: str) -> None:
             if self._running is not running:
                 raise CancelledError
-            self._page.executor.on_page(lambda: note(Progress(share=share, text=text)))
+            self._report(share, text, lambda: self._running is running)
 
         def make() -> Answer:
             progress(0.0, "Starting")
@@ -600,6 +598,22 @@ class SessionWork:
 
     # --- the threads of the computations ---------------------------------------------------------
 
+    def _report(self, share: float, text: str, is_wanted: Callable[[], bool]) -> None:
+        """Tell the tabs how far a computation is, not too often."""
+
+        def note() -> None:
+            if not is_wanted():
+                return
+            begins, self.progress = self.progress is None, Progress(share=share, text=text)
+            if begins:
+                self._page.publish()  # also for tabs that are opened meanwhile
+            now_s = time.monotonic()
+            if now_s - self._reported_at_s >= PROGRESS_INTERVAL_S:
+                self._reported_at_s = now_s
+                self._page.tabs.tell(None, self.progress)
+
+        self._page.executor.on_page(note)
+
     def _computed(
         self, state: SessionState, request: Request, progress: Callable[[float, str], None]
     ) -> Answer:
@@ -612,8 +626,25 @@ class SessionWork:
 
     def _draw(self, document: Document) -> Picture:
         wait_until_compiled(first=self._is_first(document))
+        if self._made is None:
+            self._open(document)
         self._made = self._drawn(document)
         return self._made
+
+    def _open(self, document: Document) -> None:
+        """Prepare the views of a session that was decided before, and tell how far that is."""
+        integration, views = self._page.integration, sorted(document.used_views)
+        if len(views) < 2:
+            return
+
+        def report(share: float, text: str) -> None:
+            self._report(share, text, lambda: self._asked is document)
+
+        integration.views.segment(document.strokes, report)
+        for n, view in enumerate(reversed(views), start=1):  # another thread may have begun with the first
+            report((n - 1) / (2 * len(views)), f"opening view {n} of {len(views)}")
+            integration.algorithm.why_unusable(view)
+        report(0.5, f"joining {len(views)} views")
 
     def _is_first(self, document: Document) -> bool:
         # To find the sides of a recording without masks takes more kernels.
