@@ -324,12 +324,12 @@ def first_of_camera(options: Options) -> Callable[[], Opened] | None:
 
 def run(options: Options) -> None:
     """Serve the page until it is stopped."""
-    from flatcloth.viewer.server.app import serve
-
     first, page = first_of_camera(options), page_options(options)
     if options.source is not None:
-        serve(first=functools.partial(opened_recording, options, options.source, options.session), **page)
-        return
-    if first is None and options.session:
+        # The server's libraries load while the first shape is being computed.
+        first = [opened_recording(options, options.source, options.session)].pop
+    elif first is None and options.session:
         raise FlatclothError("--session needs SOURCE; name a recording, or open one on the page.")
+    from flatcloth.viewer.server.app import serve
+
     serve(first=first, **page)

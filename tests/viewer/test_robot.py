@@ -83,7 +83,7 @@ class Page:
         self.grips: dict[int, Any] = {}
         self.computed = 0
 
-    def grasps(self, _base_from_camera: Any, *, with_garment: bool, rotation_deg: Any) -> dict[str, Any]:
+    def grasps(self, rotation_deg: Any, *, with_garment: bool) -> dict[str, Any]:
         assert not with_garment
         self.computed += 1
         grasps = [{"id": pick} for pick in self.picks]

@@ -68,6 +68,8 @@ class PageController(ABC):
         The 3D side and the tabs.
     """
 
+    has_camera = False
+
     def __init__(self, integration: Integration, folder: SessionFolder, scene: Scene, tabs: Hub) -> None:
         self.integration, self.folder, self.scene, self.tabs = integration, folder, scene, tabs
         # A session in memory has its settings in memory too.
@@ -78,6 +80,7 @@ class PageController(ABC):
         self._picks = PickStore(folder, integration, self._highlight)
         self.garments = GarmentService(integration, joins=True)
         self.picture: Picture | None = None  # what is shown at present; immutable
+        self.base_from_camera: Rigid3 | None = None  # with it, poses are also in the frame of the robot
         self._note_ids = itertools.count(1)
         self._revision = 0
         self.last_state: PageState | None = None  # what was sent last
@@ -150,13 +153,7 @@ class PageController(ABC):
             return hit_by(self.picture, self.scene.visible_points(), hover)
         return described(self.picture, self.integration, hover)
 
-    def grasps(
-        self,
-        base_from_camera: Rigid3 | None = None,
-        *,
-        with_garment: bool = True,
-        rotation_deg: float | None = None,
-    ) -> dict[str, Any]:
+    def grasps(self, rotation_deg: float | None = None, *, with_garment: bool = True) -> dict[str, Any]:
         """Return the list of picks as it is exported, with the seen points of the garment if wanted.
 
         ``rotation_deg`` is the rotation of the item for the poses, by default that of the shown view.
@@ -175,7 +172,7 @@ class PageController(ABC):
             axis=self.integration.axis,
             rotation_deg=picture.angle_deg if rotation_deg is None else rotation_deg,
             grips=self.grips,
-            base_from_camera=base_from_camera,
+            base_from_camera=self.base_from_camera,
         )
         named = self.named_points() if with_garment else ()
         view, *floating = picture.pieces("this")
@@ -297,11 +294,12 @@ class PageController(ABC):
         """Show the picture in 3D, unless another follows until the scene has time for it."""
         picture = self.picture
 
-        def show() -> None:
-            if picture is self.picture:
-                self.scene.show(picture)
+        def shown(trouble: str | None) -> None:
+            if trouble:
+                self.tell(None, "error", trouble)
 
-        self.executor.put("scene", show)
+        show, is_present = partial(self.scene.show, picture), lambda: picture is self.picture
+        self.executor.compute("scene", show, shown, "drawing the 3D scene", is_present)
 
     def _turn_to(self, view_index: int) -> None:
         angles_deg = self.integration.recording.angles_deg

@@ -12,7 +12,7 @@ import contextlib
 import threading
 from collections.abc import AsyncIterator, Callable
 from dataclasses import astuple, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -46,12 +46,14 @@ from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.evidence import mistaken
 from flatcloth.rendering.pictures import grid_of
-from flatcloth.validation.markers import KitTruth
 from flatcloth.viewer.http import RefusedError
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.picture import OtherSheet, truth_of
 from flatcloth.viewer.protocol.sent import parcel_of
 from flatcloth.viewer.worker import attempt
+
+if TYPE_CHECKING:
+    from flatcloth.validation.markers import KitTruth
 
 CM2 = 1e4
 """Square centimetres in a square metre."""

@@ -7,6 +7,7 @@ import math
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,11 +27,13 @@ from flatcloth.session.document import Document, Pending
 from flatcloth.session.journal import SheetSide
 from flatcloth.shape.shape import Change
 from flatcloth.validation.kit import kit_of
-from flatcloth.validation.markers import KitTruth, found_markers
 from flatcloth.viewer.protocol.answers import HoverAnswer, PixelValues, SourcePlace
 from flatcloth.viewer.protocol.messages import Hover
 from flatcloth.viewer.protocol.sent import UV, Legend, typed
 from flatcloth.viewer.protocol.state import Check, Foreseen, PlacedPartInfo
+
+if TYPE_CHECKING:
+    from flatcloth.validation.markers import KitTruth
 
 APART_LIMIT_MM = 1000.0 * CONFLICT_M  # as in the 3D scene
 SHARE_LIMIT = 0.1
@@ -194,6 +197,8 @@ def truth_of(recording: Recording) -> KitTruth | None:
     """Return the truth of a recording with a kit, whose markers are found view by view."""
     with suppress(FlatclothError):
         kit, this = kit_of(recording), (recording.location, fingerprint(recording))
+        from flatcloth.validation.markers import KitTruth, found_markers
+
         return KitTruth(kit, lambda n: _SEEN.get((*this, n), lambda: found_markers(recording[n].color, kit)))
     return None
 

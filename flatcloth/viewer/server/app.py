@@ -227,7 +227,7 @@ class PageServer:
         if self._opener is None or self._loop is None:
             raise ServerError("This page cannot open anything else; start the program again.")
         before = self._now
-        if chosen.kind == "camera" and before is not None and before.has_camera:
+        if chosen.kind == "camera" and before is not None and before.application.has_camera:
             return
         opened = self._opener(chosen, self.session)
         if opened is None:
@@ -266,7 +266,7 @@ class _Headers:
         await self._app(scope, receive, with_headers)
 
 
-async def _viser_page(request: Request) -> Response:
+def _viser_page(request: Request) -> Response:
     import viser
 
     page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text()

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 
 import websockets
+from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from websockets.asyncio.client import ClientConnection, unix_connect
 from websockets.typing import Subprotocol
 
+from flatcloth.core.errors import ServerError
 
-async def relay(browser: WebSocket, path: Path) -> None:
+
+async def relay(browser: WebSocket, path: Callable[[], Path]) -> None:
     """Connect a browser's socket with viser's, a socket file, until either closes.
 
     The sub-protocol (viser's version) is passed on unchanged; nothing is compressed, and viser's
@@ -20,13 +24,13 @@ async def relay(browser: WebSocket, path: Path) -> None:
     wanted = [Subprotocol(p) for p in browser.scope.get("subprotocols", [])]
     try:
         viser = await unix_connect(
-            str(path),
+            str(await run_in_threadpool(path)),
             uri="ws://localhost/",
             subprotocols=wanted or None,
             compression=None,
             max_size=None,
         )
-    except (OSError, websockets.WebSocketException):
+    except (OSError, ServerError, websockets.WebSocketException):
         await browser.close(1013, "the 3D scene is not running")
         return
     await browser.accept(subprotocol=viser.subprotocol)

@@ -11,7 +11,7 @@ from pathlib import Path
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
-from starlette.routing import BaseRoute, Route, Router, WebSocketRoute
+from starlette.routing import Route, Router, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError
@@ -24,16 +24,12 @@ from flatcloth.recordings.mending import Mends
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.http import RefusedError, read_body, rotation_of
 from flatcloth.viewer.hub import Hub, Tab
-from flatcloth.viewer.modes.active import ActiveApplication
-from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.places import Chosen
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.sent import encoded
-from flatcloth.viewer.routes.active import active_routes
-from flatcloth.viewer.routes.capture import capture_routes
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import check_routes, layer_routes, source_routes
 from flatcloth.viewer.routes.robot import RobotAnswers, robot_routes
@@ -79,13 +75,8 @@ class Workspace:
         controller = opened.controller or partial(Application, opened.integration, opened.folder)
         page: PageController = controller(self.scene, self.hub)
         self.application, self.scene.on_ray = page, page.click_ray
-        self._exports = ExportRoutes(page)
-        own: list[BaseRoute] = []
-        if isinstance(page, CaptureApplication):
-            own = capture_routes(page)
-        if isinstance(page, ActiveApplication):
-            own = active_routes(page.service(opened.base_from_camera))
-        robot = self._robot = RobotAnswers(page, opened.base_from_camera)
+        page.base_from_camera = opened.base_from_camera
+        self._exports, robot = ExportRoutes(page), RobotAnswers(page)
         self.router = Router(
             redirect_slashes=False,  # they would name the host that a proxy has set
             routes=[
@@ -97,12 +88,11 @@ class Workspace:
                 Route("/export/{name}", self._exports.serve),
                 Route("/teaching/{part}", TeachingRoutes(page).serve),
                 *page.routes(),
-                *own,
                 *robot_routes(robot),
                 WebSocketRoute("/robot/rosbridge", RosBridge(robot).serve),
                 WebSocketRoute("/ws", self._messages),
                 Route("/ws", _no_socket, methods=["GET", "POST"]),
-                WebSocketRoute("/viser", lambda browser: relay(browser, self.scene.path)),
+                WebSocketRoute("/viser", lambda browser: relay(browser, lambda: self.scene.path)),
             ],
         )
 
@@ -115,16 +105,11 @@ class Workspace:
             If it is a camera.
         """
         recording = self.integration.recording
-        if self.has_camera:
+        if self.application.has_camera:
             raise FlatclothError("A camera has no mends; open the recording that was captured.")
         options = SourceOptions.from_dict(source_options(recording), "the session")
         more = (options.mends or Mends()).then(mends)
         return Chosen("folder", recording.location, options=replace(options, mends=more))
-
-    @property
-    def has_camera(self) -> bool:
-        """Whether it shows a camera."""
-        return isinstance(self.application, CaptureApplication)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Start the threads, and serve on this event loop."""
@@ -154,15 +139,14 @@ class Workspace:
 
     async def _grasps(self, request: Request) -> Response:
         headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
-        base, rotation_deg = self._robot.base_from_camera, rotation_of(request)
-        grasps = await run_in_threadpool(self.application.grasps, base, rotation_deg=rotation_deg)
+        grasps = await run_in_threadpool(self.application.grasps, rotation_of(request))
         return JSONResponse(grasps, headers=headers)
 
     async def _take_hand_eye(self, request: Request) -> Response:
         """Take the content of a hand-eye file; poses are in the robot's frame from now on, until the end."""
         try:
             data = await read_body(request, MAX_HAND_EYE_BYTES)
-            self._robot.base_from_camera = hand_eye_from(data, Path("hand-eye file"))
+            self.application.base_from_camera = hand_eye_from(data, Path("hand-eye file"))
         except (FlatclothError, ValueError) as error:
             raise RefusedError(str(error), 400) from error
         return JSONResponse({"taken": True})
