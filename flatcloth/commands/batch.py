@@ -108,6 +108,7 @@ def _look(options: Options) -> None:
     if not options.review:
         report(options, {"page": str(page)}, [f"Page: {page}"])
         return
+    from flatcloth.commands import view
     from flatcloth.viewer.server.review import serve_review
 
     say(f"Page: {page}")
@@ -115,7 +116,7 @@ def _look(options: Options) -> None:
     def ready(url: str, token: str) -> None:
         announce(options, f"Review at {url} (Ctrl-C ends it)", url, token, page=str(page))
 
-    serve_review(out, options.port, ready)
+    serve_review(out, options.port, ready, view.Opener(view.Options()))
 
 
 def _summary(count: Count) -> str:
