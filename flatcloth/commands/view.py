@@ -326,8 +326,7 @@ def run(options: Options) -> None:
     """Serve the page until it is stopped."""
     first, page = first_of_camera(options), page_options(options)
     if options.source is not None:
-        # The server's libraries load while the first shape is being computed.
-        first = [opened_recording(options, options.source, options.session)].pop
+        first = [opened_recording(options, options.source, options.session)].pop  # computed beside imports
     elif first is None and options.session:
         raise FlatclothError("--session needs SOURCE; name a recording, or open one on the page.")
     from flatcloth.viewer.server.app import serve

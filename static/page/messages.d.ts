@@ -582,7 +582,6 @@ export interface Request {
 
 /** How much of a computation is done, of 1, and what it does. */
 export interface Progress {
-  type: "progress";
   share: number;
   text: string;
 }
@@ -764,7 +763,6 @@ export interface SeamInfo {
 
 /** The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed. */
 export interface CaptureStatus {
-  type: "capture";
   camera: string;
   camera_fps: number;
   playing: boolean;
@@ -1116,8 +1114,6 @@ export interface Place {
 export type ServerMessage =
   | PageState
   | Note
-  | Progress
-  | CaptureStatus
   | HoverAnswer
   | RayAnswer
   | Picked

@@ -20,10 +20,10 @@ import {
   taken,
   WAYS,
   within,
+  swatch,
 } from "../page/dom.js";
-import { count, number } from "../page/format.js";
+import { count, number, percent } from "../page/format.js";
 import { KeptSwitch } from "../page/theme.js";
-import { PixelStates } from "./pixel_states.js";
 
 const LEAST_PX = 120; // of the image's longer side; it grows with the scene
 const MOST_SHARE = 0.28; // of the scene's width and height
@@ -451,4 +451,41 @@ function withMargin({ left, top, width, height }, image) {
   const [x, y] = [Math.max(0, left - by), Math.max(0, top - by)];
   const [right, bottom] = [Math.min(image.width, left + width + by), Math.min(image.height, top + height + by)];
   return { left: x, top: y, width: right - x, height: bottom - y };
+}
+
+// --- Why pixels of a view are not in the shape -------------------------------------------------
+
+/** @typedef {{ state: string; text: string; color: string | null; share: number; missing: number }} Share */
+
+class PixelStates {
+  /** @param {() => void} changed called when a legend has come */
+  constructor(changed) {
+    this.shown = new KeptSwitch("source-states");
+    /** @type {Fetched<Share[]>} */
+    this.legend = new Fetched(askJson, changed);
+  }
+
+  /** The address of the layer of a view for a revision of the shape; null if it is not shown. */
+  addressOf(/** @type {number} */ view, /** @type {number} */ revision) {
+    return this.shown.on && revision ? `source/${view}/states-${revision}.png` : null;
+  }
+
+  /**
+   * Show the shares of a view below its image.
+   * @param {HTMLElement} element @param {number} view @param {number} revision
+   */
+  show(element, view, revision) {
+    const address = this.addressOf(view, revision)?.replace(".png", ".json") ?? null;
+    element.hidden = !address;
+    this.legend.want(address);
+    const { value } = this.legend;
+    rebuild(element, [address, value], () => (value ?? []).map(row));
+  }
+}
+
+function row(/** @type {Share} */ { state, text, color, share, missing }) {
+  const tip =
+    `${number(100 * share, 1)} % of the item's pixels; ` +
+    `${number(100 * missing, 1)} % show cloth that is in the result from no view`;
+  return make("p", { tip, data: { state } }, swatch(color ?? "transparent"), `${percent(share)} ${text}`);
 }

@@ -11,8 +11,8 @@ from flatcloth.core.types import Rigid2
 from flatcloth.session.document import Document, Pending
 from flatcloth.session.machine import Propose, Reject, SessionState, Undo
 from flatcloth.viewer import auto
+from flatcloth.viewer.protocol.sent import AutoInfo
 from flatcloth.viewer.protocol.settings import Settings
-from flatcloth.viewer.protocol.state import AutoInfo
 
 RUNS = AutoInfo(running=True)
 BEGUN = Document(start_view=0)

@@ -88,7 +88,7 @@ def test_sockets_of_foreign_pages_are_refused(server):
 def test_a_socket_without_an_origin_needs_the_token_as_a_header_and_is_told_so(server):
     first = greet(server, "/ws", origin=None)[1]
     kind = msgspec.json.decode(first)["type"]
-    assert kind in {"state", "progress"}  # while a session starts, a busy server first tells how far it is
+    assert kind == "state"
     cookie = {"Cookie": f"flatcloth_{server.port}={server.token}"}
     for headers in ({}, cookie, {"Authorization": "Bearer wrong"}):
         with pytest.raises(InvalidStatus) as refused:

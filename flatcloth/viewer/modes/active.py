@@ -34,8 +34,7 @@ from flatcloth.viewer.modes.session import Answer, Application
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.robot import PostedView
-from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
-from flatcloth.viewer.protocol.state import AutoInfo
+from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep, AutoInfo
 
 if TYPE_CHECKING:
     from flatcloth.viewer.scene.scene import Scene

@@ -54,10 +54,18 @@ from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import ONLY_A_CAMERA, Action, action_table
-from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import UV, Grid, Legend, parcel_of, typed
-from flatcloth.viewer.protocol.state import CapturedView, CaptureStatus, ViewRow
+from flatcloth.viewer.protocol.sent import (
+    UV,
+    CapturedView,
+    CaptureStatus,
+    FrameInfo,
+    Grid,
+    Legend,
+    ViewRow,
+    parcel_of,
+    typed,
+)
 
 if TYPE_CHECKING:
     from flatcloth.viewer.scene.scene import Scene
@@ -174,12 +182,8 @@ class LiveFrames:
         return self._kept[-1]
 
 
-STATUS_INTERVAL_S = 0.1
-"""Intervals of the status, and of the checks of the image. Chosen."""
 LOOK_INTERVAL_S = 0.5
-"""See ``STATUS_INTERVAL_S``."""
-STATE_INTERVAL_S = 0.25
-"""Interval of updates of picks and numbers while playing; when paused they are immediate. Chosen."""
+"""Interval of the checks of the image. Chosen."""
 RATE_WINDOW_S = 1.0
 """Time over which the camera's rate is measured. Chosen."""
 REFRAME_M = 0.15
@@ -250,7 +254,6 @@ class CaptureApplication(PageController):
     ) -> None:
         super().__init__(integration, folder, scene, tabs)
         self._feed, self._chosen = feed, settings
-        self._state_at_s = 0.0
         self._shown: Shown | None = None
         self._frames = LiveFrames(LiveFlattening(integration, feed).newest)
         self._lock = threading.Lock()
@@ -264,7 +267,7 @@ class CaptureApplication(PageController):
         self._checked_views = 0
         self._came_s: deque[float] = deque()  # the frames of the last second
         self._camera_fps = 0.0
-        self._reported_s = self._looked_s = 0.0
+        self._looked_s = 0.0
         self._framed_at: np.ndarray[Any, Any] | None = None
         self._busy = threading.Event()
         feed.on_frame, feed.on_end = self._on_frame, self._on_end
@@ -302,11 +305,7 @@ class CaptureApplication(PageController):
                     self._put(None, partial(self.tell, None, "error", str(error)))
                 changed = self._note_view() or _place(before) != _place(self._guided.state)
                 self._check_if_doubled(len(self._guided.state.kept_deg))
-        if changed:
-            self._put(None, self.publish)
-        if changed or now_s - self._reported_s >= STATUS_INTERVAL_S:
-            self._reported_s = now_s
-            self.tabs.tell(None, self.status())
+        self._put(None, self.publish if changed else self.report)
         if not self._busy.is_set() and self._frames.playing:
             self._busy.set()
             self.executor.put("scene", lambda: self._look(frame, now_s))
@@ -360,7 +359,7 @@ class CaptureApplication(PageController):
             self._put(None, partial(self.tell, None, "warning", str(error)))
             return
         self._doubts = tuple(finding.line for finding in found if finding.stops)
-        self.tabs.tell(None, self.status())
+        self._put(None, self.publish)
 
     # --- the web server's threads ---------------------------------------------------------------
 
@@ -405,10 +404,7 @@ class CaptureApplication(PageController):
             return None
         if shown is not self._shown:
             self._shown, self.picture = shown, shown.picture
-            now_s = time.monotonic()
-            if not self._frames.playing or now_s - self._state_at_s > STATE_INTERVAL_S:
-                self._state_at_s = now_s
-                self._put(None, self.publish)
+            self._put(None, self.report if self._frames.playing else self.publish)
         picture, axis = shown.picture, self.integration.axis
         info = FrameInfo(sequence=shown.sequence, reason=shown.reason)
         if picture is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
@@ -45,7 +44,7 @@ from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import auto
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes import proposal
-from flatcloth.viewer.modes.controller import PageController
+from flatcloth.viewer.modes.controller import PROGRESS_INTERVAL_S, PageController
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.joints import JointService
 from flatcloth.viewer.modes.other_side import OtherSideController
@@ -53,10 +52,8 @@ from flatcloth.viewer.modes.review import ReviewService, diagnostics_routes
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NO_CAMERA, command_of
-from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
-from flatcloth.viewer.protocol.sent import NoteLevel, Progress
-from flatcloth.viewer.protocol.snapshot import of_session, with_ghosts
-from flatcloth.viewer.protocol.state import AutoInfo
+from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture, of_session, with_ghosts
+from flatcloth.viewer.protocol.sent import AutoInfo, NoteLevel, PreviewAnswer, Progress
 from flatcloth.viewer.worker import attempt, awaited
 
 if TYPE_CHECKING:
@@ -66,10 +63,6 @@ _log = logging.getLogger(__name__)
 
 UNDRAWN = "Undo (U) takes back what was done last; Restart chooses another start view."
 """What to do if the shape of a session cannot be drawn."""
-
-
-PROGRESS_INTERVAL_S = 0.05
-"""Interval between messages of progress. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +98,6 @@ class Application(PageController):
         self._ghosts = read_ghosts(self.place)
         self.other = OtherSideController(self, self.garments, self._other_made)
         self._work = SessionWork(self)
-        self._previews = proposal.Previews(self)
         self._review = ReviewService(self)
         self._sides = SideController(self)
         self._joints = JointService(self)
@@ -168,8 +160,13 @@ class Application(PageController):
             case messages.Do():
                 self._decide(client, message)
             case messages.Preview():
-                by = proposal.meant(self._placed(), message)
-                self._previews.ask(client, message, self._state.document, by)
+                document, by = self._state.document, proposal.meant(self._placed(), message)
+                self.answer_newest(
+                    client,
+                    message,
+                    lambda: proposal.preview(self.integration, document, message, by),
+                    lambda why: PreviewAnswer(id=message.id, why=why),
+                )
             case messages.Move(view_index=view):
                 self._by_hand(Nudge(view, proposal.meant(self._placed(), message)))
             case messages.TakePart(view_index=view, component=component):
@@ -210,7 +207,7 @@ class Application(PageController):
                 strokes = self._state.document.strokes
                 self._sides.where_next(strokes, n, lambda answer: self.tabs.tell(client, answer))
             case messages.PreviewPoint():
-                self._garment.preview(client, message, self._state.document)
+                self.answer_newest(client, message, self._garment.preview(message, self._state.document))
             case (
                 messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints() | messages.DecidePiece()
             ):
@@ -495,7 +492,6 @@ class SessionWork:
         # The request that is being answered, and a mark of that job: a cancelled one is no longer this.
         self._running: tuple[Request, object] | None = None
         self._asked: Document | None = None
-        self._reported_at_s = 0.0
         # What will be asked for if the proposal is accepted, and its answer.
         self._foreseen: tuple[SessionState, Future[Answer]] | None = None
         # The last picture, even if it was never shown: revisions continue from it. Set by the worker only.
@@ -599,18 +595,12 @@ class SessionWork:
     # --- the threads of the computations ---------------------------------------------------------
 
     def _report(self, share: float, text: str, is_wanted: Callable[[], bool]) -> None:
-        """Tell the tabs how far a computation is, not too often."""
+        """Tell the tabs how far a computation is."""
 
         def note() -> None:
-            if not is_wanted():
-                return
-            begins, self.progress = self.progress is None, Progress(share=share, text=text)
-            if begins:
-                self._page.publish()  # also for tabs that are opened meanwhile
-            now_s = time.monotonic()
-            if now_s - self._reported_at_s >= PROGRESS_INTERVAL_S:
-                self._reported_at_s = now_s
-                self._page.tabs.tell(None, self.progress)
+            if is_wanted():
+                self.progress = Progress(share=share, text=text)
+                self._page.report(text)
 
         self._page.executor.on_page(note)
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, ServerError
 from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Floats, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
@@ -178,6 +178,7 @@ class Scene:
         self._view_from: tuple[Float64, Float64, float, float] | None = None
         self._follow = True
         self._viser: PrivateViser | None = None
+        self._is_closed = False
         self.on_ray: Callable[[tuple[float, ...], tuple[float, ...]], None] = lambda _o, _d: None
         self.in_background: Callable[[Callable[[], None]], None] = lambda job: job()
 
@@ -196,6 +197,8 @@ class Scene:
 
         with self._lock:
             if self._viser is None:
+                if self._is_closed:
+                    raise ServerError("The 3D scene is closed.")
                 self._viser = PrivateViser()
                 self._build(self._viser.server)
             return self._viser
@@ -229,8 +232,10 @@ class Scene:
 
     def stop(self) -> None:
         """Close the viser server."""
-        if self._viser is not None:
-            self._viser.stop()
+        with self._lock:
+            self._is_closed, opened = True, self._viser
+        if opened is not None:
+            opened.stop()
 
     def visible_points(self) -> Float32:
         """Return the points (N, 3) of all visible clouds."""
