@@ -231,6 +231,7 @@ async function openLessons() {
     name: () => page.state.recording.name,
     startView: () => page.state.start_view,
     views: () => page.state.views.length,
+    progress: () => page.state.lesson,
     garment: () => page.state.garment?.revision ?? 0,
     other: () => page.state.other?.revision ?? 0,
     findOther: () => send({ type: "other_side" }),

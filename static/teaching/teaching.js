@@ -30,7 +30,7 @@ const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel"];
 const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
 
 /** @type {Entry} */
-const NOTHING = { key: null, lesson: null, error: null, abort: null, progress: null };
+const NOTHING = { key: null, lesson: null, error: null, abort: null };
 
 export class Teaching {
   constructor(/** @type {Session} */ session) {
@@ -164,6 +164,7 @@ export class Teaching {
   /** Take a new state of the session: its other side may be known by now. */
   follow() {
     const { part } = STAGES[this.at];
+    this.showProgress();
     if (this.open && ["seams", "shape"].includes(part) && this.lessons[part]?.key !== this.key(part)) this.load();
   }
 
@@ -217,10 +218,7 @@ export class Teaching {
     const entry = (this.lessons[part] = { ...NOTHING, key, lesson: before?.lesson ?? null, abort });
     entry.promise = (async () => {
       try {
-        const lesson = await fetchLesson(part, query, abort.signal, (share, text) => {
-          entry.progress = { share, text };
-          this.showProgress();
-        });
+        const lesson = await fetchLesson(part, query, abort.signal);
         Object.assign(entry, { lesson, stale: false });
       } catch (error) {
         if (abort.signal.aborted) return;
@@ -438,7 +436,7 @@ export class Teaching {
     byId("teaching-progress").hidden = !busy;
     FRAME.classList.toggle("busy", busy);
     if (!busy) return;
-    const { share, text } = entry?.progress ?? { share: 0, text: "Waiting" };
+    const { share, text } = this.session.progress() ?? { share: 0, text: "Waiting" };
     setText(byId("teaching-progress-text"), `${text} · ${Math.round(100 * share)} %`);
     byId("teaching-progress-bar").value = share;
   }

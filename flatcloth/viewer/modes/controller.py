@@ -42,6 +42,7 @@ from flatcloth.viewer.protocol.sent import (
     NoteLevel,
     PageState,
     Picked,
+    Progress,
     RayAnswer,
     RecordingInfo,
     ServerMessage,
@@ -91,6 +92,7 @@ class PageController(ABC):
         self._picks = PickStore(folder, integration, self._highlight)
         self.garments = GarmentService(integration, joins=True)
         self.picture: Picture | None = None  # what is shown at present; immutable
+        self.lesson: Progress | None = None  # how far one is that is being made
         self.base_from_camera: Rigid3 | None = None  # with it, poses are also in the frame of the robot
         self._note_ids = itertools.count(1)
         self._newest: dict[tuple[int, type[messages.Said]], int] = {}  # the last question of each tab
@@ -379,6 +381,7 @@ class PageController(ABC):
             "layers": None if picture is None else layers_of_shape(picture),
             "pick": self._picks.current_info(picture),
             "picks": self._picks.listed(picture),
+            "lesson": self.lesson,
             "log": self._log,
             "settings": self.settings.now,
             "settings_rows": self.settings.rows,
@@ -396,6 +399,11 @@ class PageController(ABC):
         is_same, self._reported = about == self._reported, about
         if not is_same or time.monotonic() - self._published_at_s >= PROGRESS_INTERVAL_S:
             self.publish()
+
+    def tell_lesson(self, progress: Progress | None) -> None:
+        """Tell how far a lesson of the teaching mode is; None: none is made."""
+        self.lesson = progress
+        self.report("" if progress is None else progress.text)
 
     def tell(self, client: int | None, level: NoteLevel, text: str) -> None:
         """Notify a tab, or (None) all, with the state, whose log keeps it; on the page's own thread."""

@@ -565,6 +565,7 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     layers: Layers | None
     pick: PickInfo | None
     picks: tuple[ListedPick, ...]
+    lesson: Progress | None
     log: tuple[Note, ...]
     settings: Settings
     settings_rows: tuple[Setting, ...]

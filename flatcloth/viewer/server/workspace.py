@@ -78,7 +78,7 @@ class Workspace:
         page: PageController = controller(self.scene, self.hub)
         self.application, self.scene.on_ray = page, page.click_ray
         page.base_from_camera = opened.base_from_camera
-        self._exports, robot = ExportRoutes(page), RobotAnswers(page)
+        robot = RobotAnswers(page)
         self.router = Router(
             redirect_slashes=False,  # they would name the host that a proxy has set
             routes=[
@@ -87,7 +87,7 @@ class Workspace:
                 *check_routes(page),
                 Route("/export/grasps.json", self._grasps),
                 Route("/hand-eye", self._take_hand_eye, methods=["POST"]),
-                Route("/export/{name}", self._exports.serve),
+                Route("/export/{name}", ExportRoutes(page).serve),
                 Route("/teaching/{part}", TeachingRoutes(page).serve),
                 *page.routes(),
                 *robot_routes(robot),
@@ -120,7 +120,6 @@ class Workspace:
 
     def stop(self) -> None:
         """Stop the threads; close the scene and the source."""
-        self._exports.stop()
         self.application.stop()
         self.hub.close()
         self.scene.stop()
