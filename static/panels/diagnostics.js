@@ -1,7 +1,7 @@
 // What placed a proposal: pairs of cloth, or the paper's corresponding lines.
 
 import { PagePart } from "../page/page.js";
-import { ask } from "../page/connection.js";
+import { askJson, Fetched } from "../page/connection.js";
 import { applied, nearest } from "../canvas/geometry.js";
 import { drawDot, strokeLine } from "../canvas/marks.js";
 import { byId, setText } from "../page/dom.js";
@@ -12,8 +12,8 @@ export class Diagnostics extends PagePart {
   name = "diagnostics";
   actions = { diagnostics: () => this.toggle() };
   open = false;
-  known = /** @type {Known | null} */ (null); // what the server said
-  asked = /** @type {string | null} */ (null);
+  /** @type {Fetched<Known>} */
+  fetched = new Fetched(askJson, () => this.show());
   panel = byId("diagnostics");
   facts = byId("diagnostics-facts");
   trouble = byId("diagnostics-trouble");
@@ -26,7 +26,7 @@ export class Diagnostics extends PagePart {
 
   /** @param {Context} context @param {Style} _ @param {PlaceInScene} place */
   drawInScene(context, _, place) {
-    if (this.open && !this.panel.hidden) this.pairs.paintInSpace(context, place);
+    if (this.open && !this.panel.hidden && this.known) this.pairs.paintInSpace(context, place);
   }
 
   toggle() {
@@ -46,31 +46,26 @@ export class Diagnostics extends PagePart {
     if (this.panel.hidden === shown) this.page.redrawMarks();
     this.panel.hidden = !shown;
     if (!shown || !overlay) return;
-    const key = `${layers.revision}-${overlay.revision}`;
-    if (key !== this.asked) this.ask(key, pending.view_index);
+    setText(byId("diagnostics-title"), `What placed view ${pending.view_index}`);
+    this.fetched.want(`diagnostics/${layers.revision}-${overlay.revision}.json`);
   }
 
-  async ask(/** @type {string} */ key, /** @type {number} */ view) {
-    this.asked = key;
-    setText(byId("diagnostics-title"), `What placed view ${view}`);
-    const answer = await ask(`diagnostics/${key}.json`);
-    if (this.asked !== key) return;
-    this.known = answer?.ok ? /** @type {Known} */ (await answer.json()) : null;
-    if (this.known) {
-      this.pairs.pairs = this.known.pairs;
-      this.pairs.marked = null;
-      this.showFacts(this.known);
-    } else {
-      setText(this.trouble, (await answer?.text()) ?? "There is no connection.");
-      if (answer?.status === 410) this.asked = null; // the next state asks again
-    }
+  /** What the server said; null until then. */
+  get known() {
+    return this.fetched.value;
+  }
+
+  show() {
+    if (!this.known) return;
+    this.pairs.pairs = this.known.pairs;
+    this.pairs.marked = null;
+    this.showFacts(this.known);
     this.page.redrawMarks();
   }
 
   /** What is on the panel, for tests. */
   get status() {
-    const { open, known, asked } = this;
-    return { open, known, asked, pair: this.pairs.marked };
+    return { open: this.open, known: this.known, pair: this.pairs.marked };
   }
 
   showFacts(/** @type {Known} */ { pairs, reasons: found }) {

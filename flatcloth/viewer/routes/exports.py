@@ -29,7 +29,7 @@ class ExportRoutes:
 
     def __init__(self, page: PageController) -> None:
         self._page, self._kept = page, Kept(page.garments, page.both)
-        self._waiting = 0
+        self.waiting = 0
 
     async def serve(self, request: Request) -> Response:
         """Answer with the file, or with one line that gives the reason."""
@@ -37,7 +37,7 @@ class ExportRoutes:
         media = "application/octet-stream" if is_floating_file(name) else MEDIA.get(name)
         if media is None:
             raise RefusedError(f"Unknown export {name!r:.40}; choose one of {', '.join(MEDIA)}.", 404)
-        if self._waiting >= MOST_WAITING:
+        if self.waiting >= MOST_WAITING:
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
 
         def make(check: Callable[[], None]) -> bytes:
@@ -46,11 +46,11 @@ class ExportRoutes:
                 check()
                 return made(opened, name)
 
-        self._waiting += 1
+        self.waiting += 1
         try:
             data = await made_for(request, self._page.executor, "export", make, f"exporting {name}")
         finally:
-            self._waiting -= 1
+            self.waiting -= 1
         if data is None:
             return GONE
         # As a download, never shown with the page's origin: its texts come from the recording.

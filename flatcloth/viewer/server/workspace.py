@@ -78,7 +78,7 @@ class Workspace:
         page: PageController = controller(self.scene, self.hub)
         self.application, self.scene.on_ray = page, page.click_ray
         page.base_from_camera = opened.base_from_camera
-        robot = RobotAnswers(page)
+        self.exports, robot = ExportRoutes(page), RobotAnswers(page)
         self.router = Router(
             redirect_slashes=False,  # they would name the host that a proxy has set
             routes=[
@@ -87,7 +87,7 @@ class Workspace:
                 *check_routes(page),
                 Route("/export/grasps.json", self._grasps),
                 Route("/hand-eye", self._take_hand_eye, methods=["POST"]),
-                Route("/export/{name}", ExportRoutes(page).serve),
+                Route("/export/{name}", self.exports.serve),
                 Route("/teaching/{part}", TeachingRoutes(page).serve),
                 *page.routes(),
                 *robot_routes(robot),
