@@ -44,14 +44,8 @@ def integration():
 def teaching(integration, executor=None) -> TeachingRoutes:
     """The teaching mode of a page that knows neither a garment nor another side."""
     executor = executor or Executor(lambda job: job())
-    garments = SimpleNamespace(last=None)
-    page = SimpleNamespace(
-        integration=integration,
-        executor=executor,
-        garments=garments,
-        other_sheet=None,
-        tell_lesson=TOLD.append,
-    )
+    known = {"garments": SimpleNamespace(last=None), "other_sheet": None, "tell_lesson": TOLD.append}
+    page = SimpleNamespace(integration=integration, executor=executor, **known)
     return TeachingRoutes(cast("Any", page))
 
 
