@@ -325,8 +325,8 @@ def first_of_camera(options: Options) -> Callable[[], Opened] | None:
 def run(options: Options) -> None:
     """Serve the page until it is stopped."""
     first, page = first_of_camera(options), page_options(options)
-    if options.source is not None:
-        first = [opened_recording(options, options.source, options.session)].pop  # computed beside imports
+    if options.source is not None:  # its shape is computed while the server is loaded; nobody else keeps it
+        first = [opened_recording(options, options.source, options.session)].pop
     elif first is None and options.session:
         raise FlatclothError("--session needs SOURCE; name a recording, or open one on the page.")
     from flatcloth.viewer.server.app import serve
