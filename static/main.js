@@ -4,14 +4,14 @@ import { FlatCanvas } from "./canvas/canvas.js";
 import { Handles } from "./canvas/handles.js";
 import { Comparison } from "./canvas/compare.js";
 import { KeyPointer } from "./canvas/key_pointer.js";
-import { LAYERS, layerAction, Looking } from "./canvas/look.js";
 import { isMove, KeyNudges } from "./canvas/nudges.js";
+import { LAYERS, layerAction, Looking } from "./canvas/look.js";
 import { Ruler } from "./canvas/ruler.js";
 import { Column } from "./layout/column.js";
 import { Layout } from "./layout/layout.js";
 import { PageAddress } from "./page/address.js";
 import { Connection } from "./page/connection.js";
-import { Dial } from "./page/dial.js";
+import { Dial, SceneMarks } from "./page/scene_marks.js";
 import { byId, showWords } from "./page/dom.js";
 import { showExports } from "./page/exports.js";
 import { number } from "./page/format.js";
@@ -19,14 +19,12 @@ import { Hover } from "./page/hover.js";
 import { startKeys } from "./page/keys.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "./page/notices.js";
 import { Page } from "./page/page.js";
-import { showPalette } from "./page/palette.js";
+import { showPalette, RejectMenu, showHelp, Toolbar } from "./page/toolbar.js";
 import { Roving } from "./page/roving.js";
-import { loadScene, startScene } from "./page/scene.js";
-import { SceneMarks } from "./page/scene_marks.js";
+import { loadScene, openScene, startScene } from "./page/scene.js";
 import { StatusLines } from "./page/status.js";
 import { seen } from "./both/seen.js";
 import { applyTheme, onTheme, toggleTheme } from "./page/theme.js";
-import { RejectMenu, showHelp, Toolbar } from "./page/toolbar.js";
 import { CapturePanel } from "./panels/capture.js";
 import { PANELS } from "./panels/index.js";
 import { showLegend } from "./panels/readout.js";
@@ -40,6 +38,7 @@ import { Teaching } from "./teaching/teaching.js";
 
 byId("unloaded").remove();
 
+const PATIENCE_MS = 8000; // with the first picture: without compiled kernels it takes a minute
 const LEAST_MOVE_M = 0.00005; // what is shown as 0.0 mm and 0.0° is no move
 const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
 
@@ -54,6 +53,7 @@ const canvas = (page.canvas = new FlatCanvas({
   mayDrag: () => Boolean(page.state?.pending),
   moving: (by) => page.each("moving", by),
   placed: () => page.each("placed"),
+  shown: () => settle(),
 }));
 const nudges = new KeyNudges(canvas, () => page.state, sendMove);
 const hover = page.add(new Hover(page));
@@ -93,7 +93,7 @@ const connection = new Connection({
     if (!again) return;
     forgetServerLog();
     page.each("reconnected");
-    loadScene(true);
+    loadScene();
   },
   lost(seconds, refusal) {
     const again = `Trying again in ${number(seconds, 1)} s.`;
@@ -123,9 +123,19 @@ function takeNote(/** @type {Note} */ message) {
 
 // --- show --------------------------------------------------------------------------------------
 
+/** What is large, or takes the server a while, comes once the first picture is there, or where none is on its way. */
+function settle() {
+  if (page.isSettled) return;
+  page.isSettled = true;
+  openScene();
+  page.changed();
+}
+
 function show(/** @type {State} */ state) {
   page.thisSide = state;
   page.state = seen(state, canvas.side);
+  if (page.hasCamera || !(state.layers || state.drawing || state.phase === "computing")) settle();
+  else if (state.sides) openScene(); // while they are being found, it shows a view
   page.each("update", page.state);
   teaching?.follow();
   if (page.hasCamera) showFrame(state);
@@ -221,6 +231,7 @@ async function openLessons() {
     name: () => page.state.recording.name,
     startView: () => page.state.start_view,
     views: () => page.state.views.length,
+    progress: () => page.state.lesson,
     garment: () => page.state.garment?.revision ?? 0,
     other: () => page.state.other?.revision ?? 0,
     findOther: () => send({ type: "other_side" }),
@@ -282,6 +293,7 @@ onTheme(() => page.redrawMarks()); // their colours are those of the theme
 applyTheme();
 startTips();
 startScene(startKeys({ state: () => page.state, modes: modesNow, mayMove, run }));
+setTimeout(openScene, PATIENCE_MS);
 page.each("hovered", null);
 
 // For tests: the state, what is shown, and each panel's status, or the panel itself, by its name.

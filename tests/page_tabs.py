@@ -15,7 +15,7 @@ import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from flatcloth.core.parcel import unpack
-from flatcloth.viewer.protocol.answers import ServerMessage
+from flatcloth.viewer.protocol.sent import ServerMessage
 from flatcloth.viewer.server.app import PageServer
 
 WAIT_S = 60

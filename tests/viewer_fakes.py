@@ -135,6 +135,7 @@ class CylinderIntegration:
             poses=_no_cameras,
             joined_piece=lambda _document: None,
             joins_sides=False,
+            why_unusable=lambda _view_index: "",
         )
 
     def _held_angle(self, view_index: int) -> float:
@@ -152,6 +153,9 @@ class CylinderIntegration:
 
     def part(self, view_index: int, _component: int) -> FlattenedView:
         return cylinder_view({view_index: self._held_angle(view_index)})
+
+    def segment(self, _strokes: Any, _progress: Progress) -> None:
+        """The recording has masks."""
 
     def flattening(self, _view_index: int) -> Any:
         return SimpleNamespace(

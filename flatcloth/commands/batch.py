@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -109,6 +110,7 @@ def _look(options: Options) -> None:
     if not options.review:
         report(options, {"page": str(page)}, [f"Page: {page}"])
         return
+    from flatcloth.commands import view
     from flatcloth.viewer.server.review import serve_review
 
     say(f"Page: {page}")
@@ -116,7 +118,7 @@ def _look(options: Options) -> None:
     def ready(url: str, token: str) -> None:
         announce(options, f"Review at {url} (Ctrl-C ends it)", url, token, page=str(page))
 
-    serve_review(out, options.port, ready)
+    serve_review(out, options.port, ready, functools.partial(view.opened_place, view.Options()))
 
 
 def _summary(count: Count) -> str:

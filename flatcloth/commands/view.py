@@ -305,7 +305,9 @@ def first_of(options: Options) -> Callable[[], Opened] | None:
 
 def run(options: Options) -> None:
     """Serve the page until it is stopped."""
+    first, page = first_of(options), page_options(options)
+    if first is not None and options.source is not None:
+        first = [first()].pop  # its shape is computed while the server is loaded; nobody else keeps it
     from flatcloth.viewer.server.app import serve
 
-    first = first_of(options)
-    serve(first=first, **page_options(options))
+    serve(first=first, **page)

@@ -20,9 +20,8 @@ from flatcloth.session.machine import (
     TakePart,
 )
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import NoteLevel
+from flatcloth.viewer.protocol.sent import AutoInfo, NoteLevel
 from flatcloth.viewer.protocol.settings import Settings
-from flatcloth.viewer.protocol.state import AutoInfo
 
 MUCH_FLOATS = 0.1
 """Share of floating cloth from which an end is no success. Chosen."""

@@ -19,14 +19,17 @@ from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route
 
 from flatcloth.cameras.base import CameraError
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
 from flatcloth.viewer.protocol.sent import encoded
+from flatcloth.viewer.worker import Executor, Lane, attempt, awaited
 
 T = TypeVar("T")
 
 BODY_S = 10.0
 """Time limit for the body of a request. Chosen: as for its headers."""
+LOOK_S = 0.25
+"""Interval at which a client that waits is checked for having left. Chosen."""
 DAY = "private, max-age=86400"
 """Cache-Control of pictures whose address changes when they do."""
 
@@ -69,6 +72,47 @@ def page_of(request: Request, file: Path) -> Response:
         text = text.replace("<head>", f'<head>\n  <base href="{quote(root)}/">', 1)
     # The page's files have no version in their names, so browsers must check them each time.
     return HTMLResponse(text, headers={"Cache-Control": "no-cache"})
+
+
+async def made_for(
+    request: Request, executor: Executor, lane: Lane, make: Callable[[Callable[[], None]], T], doing: str
+) -> T | None:
+    """Return what is made on a lane of a page; None if the client has left, or the page has ended.
+
+    ``make`` calls what it is given from time to time: that raises ``CancelledError`` then.
+
+    Raises
+    ------
+    FlatclothError
+        If it cannot be made.
+    """
+    left = False
+
+    def check() -> None:
+        if left or executor.has_ended:
+            raise CancelledError
+
+    run, made = awaited(lambda: attempt(lambda: make(check), doing))
+    work = asyncio.wrap_future(made)
+    work.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may be left to ask
+    executor.put(lane, run)
+    try:
+        while not work.done():
+            await asyncio.wait([work], timeout=LOOK_S)
+            if not work.done() and (executor.has_ended or await request.is_disconnected()):
+                return None
+        found = work.result()
+    except CancelledError:
+        return None
+    finally:
+        left = True
+    if isinstance(found, str):
+        raise FlatclothError(found)
+    return found
+
+
+GONE = PlainTextResponse("The client has left.", status_code=499)
+"""The answer that nobody reads."""
 
 
 class RefusedError(FlatclothError):

@@ -11,9 +11,7 @@ from collections.abc import Awaitable, Callable
 import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from flatcloth.viewer.protocol.answers import ServerMessage
-from flatcloth.viewer.protocol.sent import encoded
-from flatcloth.viewer.protocol.state import PageState
+from flatcloth.viewer.protocol.sent import PageState, ServerMessage, encoded
 
 WAITING_LIMIT = 1000
 """A tab with more unsent messages is disconnected. Chosen: it bounds memory."""

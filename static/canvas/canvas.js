@@ -31,6 +31,7 @@ const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false 
  * @property {() => boolean} mayDrag
  * @property {(by: By) => void} [moving] the proposal is being moved
  * @property {() => void} [placed] the proposal is drawn where the server has put it
+ * @property {() => void} [shown] a picture of the shape is drawn
  */
 
 export class FlatCanvas {
@@ -45,7 +46,10 @@ export class FlatCanvas {
     this.context = contextOf(this.canvas);
     this.width = this.height = 0; // of the pane, CSS pixels
     this.transform = new Transform();
-    this.layer = new Picture(() => this.refit());
+    this.layer = new Picture(() => {
+      this.refit();
+      this.handlers.shown?.();
+    });
     this.overlay = new Picture((anew) => this.overlayReady(anew));
     this.fitted = true; // until the operator pans or zooms
     this.boxes = /** @type {Map<number, Box>} */ (new Map()); // where each frame or view lay last

@@ -11,23 +11,12 @@ const ARRAYS = {
 
 const PICTURES = ["png", "webp"];
 
-/** The lengths of the JSON and of the body, which a parcel begins with (8 bytes). */
-export function lengthsOf(/** @type {Uint8Array} */ bytes) {
-  const head = new DataView(bytes.buffer, bytes.byteOffset, 8);
-  return [head.getUint32(0, true), head.getUint32(4, true)];
-}
-
-/** The JSON of a parcel. */
-export function valuesOf(/** @type {Uint8Array} */ bytes) {
-  return JSON.parse(new TextDecoder().decode(bytes));
-}
-
 /**
  * The parts of a body by name: typed arrays, and pictures.
  *
  * @param {Record<string, { kind: string; at: number; bytes: number }>} parts @param {Uint8Array<ArrayBuffer>} body
  */
-export function partsOf(parts, body) {
+function partsOf(parts, body) {
   /** @type {Parts} */
   const made = { arrays: {}, pictures: {} };
   for (const [name, { kind, at, bytes }] of Object.entries(parts)) {
@@ -38,9 +27,9 @@ export function partsOf(parts, body) {
   return made;
 }
 
-/** The JSON of a whole parcel, and its parts. */
+/** The JSON of a parcel, and its parts; it begins with the length of the JSON. */
 export function opened(/** @type {Uint8Array<ArrayBuffer>} */ bytes) {
-  const end = 8 + lengthsOf(bytes)[0];
-  const values = valuesOf(bytes.subarray(8, end));
+  const end = 8 + new DataView(bytes.buffer, bytes.byteOffset, 8).getUint32(0, true);
+  const values = JSON.parse(new TextDecoder().decode(bytes.subarray(8, end)));
   return { values, ...partsOf(values.parts, bytes.subarray(end)) };
 }

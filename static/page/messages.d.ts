@@ -346,6 +346,7 @@ export interface PageState {
   layers: Layers | null;
   pick: PickInfo | null;
   picks: ListedPick[];
+  lesson: Progress | null;
   log: Note[];
   settings: Settings;
   settings_rows: Setting[];
@@ -506,6 +507,12 @@ export interface ListedPick {
   kept: boolean;
 }
 
+/** How much of a computation is done, of 1, and what it does. */
+export interface Progress {
+  share: number;
+  text: string;
+}
+
 /** A notification for the operator; ``time_s`` counts from the epoch. */
 export interface Note {
   type: "note";
@@ -578,13 +585,6 @@ export interface Request {
   token: number;
   kind: string;
   view_index: number | null;
-}
-
-/** How much of a computation is done, of 1, and what it does. */
-export interface Progress {
-  type: "progress";
-  share: number;
-  text: string;
 }
 
 /** The proposal. What the method computes with it has a default while it is being drawn. */
@@ -764,7 +764,6 @@ export interface SeamInfo {
 
 /** The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed. */
 export interface CaptureStatus {
-  type: "capture";
   camera: string;
   camera_fps: number;
   playing: boolean;
@@ -1116,8 +1115,6 @@ export interface Place {
 export type ServerMessage =
   | PageState
   | Note
-  | Progress
-  | CaptureStatus
   | HoverAnswer
   | RayAnswer
   | Picked

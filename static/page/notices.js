@@ -2,7 +2,6 @@
 
 import { byId, closeButton, make, openSheet, placeBeside, staysIn, targetOf } from "./dom.js";
 
-const STAYS_MS = { info: 7000, warning: 10000, error: 20000 }; // longer under the pointer; the log has all
 const KEPT = 200;
 const RESTS_MS = 500; // the pointer on a thing, until its tooltip appears: it only passes over most
 const WORDS = { info: "Note", warning: "Warning", error: "Error" };
@@ -25,12 +24,8 @@ export function notify(/** @type {Note["level"]} */ level, /** @type {string} */
     make("p", text),
     closeButton("Dismiss", () => toast.remove()),
   );
+  toast.addEventListener("animationend", () => toast.remove()); // its time, by the style sheet
   byId("toasts").replaceChildren(toast); // more would lie over what they are about
-  const end = () => {
-    if (toast.matches(":hover, :focus-within")) setTimeout(end, STAYS_MS.info);
-    else toast.remove();
-  };
-  setTimeout(end, STAYS_MS[level]);
 }
 
 /** @param {Note["level"]} level @param {string} text @param {number} timeS */

@@ -23,13 +23,14 @@ export function startScene(/** @type {(event: KeyboardEvent) => void} */ onKeyDo
     if (isWithoutCard() && hasKeys()) notify("info", SOFTWARE);
     localStorage.setItem(SEEN, "yes");
   });
-  onTheme(() => loadScene(false));
-  loadScene(true);
+  onTheme(() => shownDark !== null && shownDark !== isDark() && loadScene());
 }
 
+/** Load viser's page, if it is not there yet. */
+export const openScene = () => shownDark ?? loadScene();
+
 /** Load viser's page (again): after a lost connection it would wait for the focus before it returns. */
-export function loadScene(/** @type {boolean} */ force) {
-  if (!force && shownDark === isDark()) return;
+export function loadScene() {
   shownDark = isDark();
   const gl = graphicsOf(document.createElement("canvas"));
   showWords(byId("scene-empty"), gl ? "" : NO_GRAPHICS);

@@ -5,14 +5,7 @@ import { task } from "../active/panel.js";
 import { byId, closeButton, hasKeys, make, rebuild, setText } from "./dom.js";
 import { cm2, count, endOf, floatingOf, number } from "./format.js";
 
-const BUSY_AFTER_MS = 250;
-
 export class StatusLines extends PagePart {
-  busyTimer = /** @type {number | null} */ (null);
-  busy = byId("busy");
-  /** @type {Panel["messages"]} */
-  messages = { progress: (message) => this.showProgress(message) };
-
   update(/** @type {State} */ state) {
     const { name, description, n_views } = state.recording;
     setText(byId("recording"), [...shapeOf(this.page.thisSide), name].join(" · "));
@@ -22,20 +15,11 @@ export class StatusLines extends PagePart {
     byId("hint").hidden = state.mode === "camera";
     setText(byId("hint"), hint(this.page)); // of this side, also while the garment is turned over
     this.showProgress(state.progress);
+    byId("cancel").hidden = state.phase !== "computing"; // nothing else can be cancelled
     this.showNotes(state);
-    this.showBusy(Boolean(state.drawing));
-  }
-
-  /** While the session is ahead of the shape that is shown, and not for the blink of an eye. */
-  showBusy(/** @type {boolean} */ drawing) {
-    if (drawing === (this.busyTimer !== null)) return;
-    clearTimeout(this.busyTimer ?? 0);
-    const show = (/** @type {boolean} */ on) => {
-      this.busy.hidden = !on;
-      byId("stage").setAttribute("aria-busy", String(on));
-    };
-    this.busyTimer = drawing ? setTimeout(() => show(true), BUSY_AFTER_MS) : null;
-    if (!drawing) show(false);
+    const isBehind = state.drawing && state.layers !== null; // without a picture, its place says so
+    byId("busy").hidden = !isBehind;
+    byId("stage").setAttribute("aria-busy", String(isBehind));
   }
 
   showProgress(/** @type {State["progress"]} */ progress) {

@@ -21,9 +21,6 @@ export class CapturePanel extends PagePart {
     ...Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.send(ACTIONS[name])])),
     capture_pause: () => this.page.send({ type: "play", playing: !this.page.state.capture?.playing }),
   };
-  /** @type {Panel["messages"]} */
-  messages = { capture: (message) => this.page.state?.capture && this.take(message) };
-  table = /** @type {ActionRow[]} */ ([]); // its actions as the server tells them
   status = /** @type {CaptureStatus | null} */ (null);
   frame = /** @type {FrameInfo | null} */ (null); // what is shown
   watched = /** @type {string | null} */ (null); // the layer of the frames that come
@@ -39,10 +36,16 @@ export class CapturePanel extends PagePart {
     document.body.classList.toggle("has-camera", there);
     byId("capture").hidden = !there;
     if (!state.capture) return;
-    this.table = state.actions.filter((action) => action.name in ACTIONS);
-    setText(byId("on-air"), state.capture.playing ? "Live" : "Held");
-    setText(byId("camera-name"), state.capture.camera);
-    this.take(state.capture);
+    const status = (this.status = state.capture);
+    setText(byId("on-air"), status.playing ? "Live" : "Held");
+    setText(byId("camera-name"), status.camera);
+    byId("capture-rate").dataset.tip = status.camera;
+    setText(byId("capture-rate"), status.ended ? "has ended" : `${number(status.camera_fps, 0)} frames/s`);
+    this.showWarnings(status);
+    this.showTask(status);
+    this.showView(status.view);
+    this.showButtons(status);
+    setText(byId("capture-kept"), kept(status));
   }
 
   /**
@@ -72,20 +75,6 @@ export class CapturePanel extends PagePart {
       this.frame = frame;
       draw(frame, image && grid && { revision: frame.sequence, grid, box: boxOf(grid), image });
     }
-  }
-
-  /** Take how the capture stands; this comes several times a second. */
-  take(/** @type {CaptureStatus} */ status) {
-    this.status = status;
-    // These overtake the states, in which the table of actions comes.
-    for (const action of this.table) action.why_not = status.why_not[action.name];
-    byId("capture-rate").dataset.tip = status.camera;
-    setText(byId("capture-rate"), status.ended ? "has ended" : `${number(status.camera_fps, 0)} frames/s`);
-    this.showWarnings(status);
-    this.showTask(status);
-    this.showView(status.view);
-    this.showButtons(status);
-    setText(byId("capture-kept"), kept(status));
   }
 
   showWarnings(/** @type {CaptureStatus} */ status) {
@@ -142,8 +131,7 @@ export class CapturePanel extends PagePart {
       ...names.map((name) => this.page.button(name)),
       idle ? begin : finish,
     ]);
-    for (const { name, why_not } of this.table)
-      if (names.includes(name)) setAllowed(buttonOf(name), why_not, this.page.tip(name));
+    for (const name of names) setAllowed(buttonOf(name), this.page.action(name).why_not, this.page.tip(name));
     if (names.includes("capture_keep")) buttonOf("capture_keep").classList.add("primary");
   }
 

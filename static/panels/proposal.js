@@ -175,7 +175,7 @@ function checkList(/** @type {Pending["checks"]} */ checks, /** @type {(place: U
 const CHECKS = {
   apart: "Median distance in space between proposal and shape where both have cloth",
   twice: "Share of the cloth seen in both that would lie 15 mm or more from its place in the shape",
-  outline: "Share of the cloth seen in both that would lie outside the outline of the shape",
+  other: "Share of its cloth that would lie on cloth of the shape that is another",
 };
 
 // --- the further parts that accepting a proposal places too ------------------------------------------

@@ -20,10 +20,10 @@ import {
   taken,
   WAYS,
   within,
+  swatch,
 } from "../page/dom.js";
-import { count, number } from "../page/format.js";
+import { count, number, percent } from "../page/format.js";
 import { KeptSwitch } from "../page/theme.js";
-import { PixelStates } from "./pixel_states.js";
 
 const LEAST_PX = 120; // of the image's longer side; it grows with the scene
 const MOST_SHARE = 0.28; // of the scene's width and height
@@ -32,6 +32,7 @@ const MOST_ZOOM = 16;
 const LOW_PX = 420; // a scene that is lower than this keeps the most of it for itself
 const MARGIN = 0.12; // around the item, as a share of its size
 const IMAGES_KEPT = 8;
+const RESTS_MS = 400; // from a pick until its views are looked for, which takes the server longer than a click
 /** @type {Record<string, string>} */
 const HIDDEN = {
   "faces away": "face away",
@@ -73,6 +74,8 @@ export class SourcePanel extends PagePart {
   pick = /** @type {CurrentPick | null} */ (null);
   /** @type {Fetched<SeenViews>} the views of the pick */
   seenIn = new Fetched(askJson, () => this.show());
+  seenAt = /** @type {string | null} */ (null); // where it is asked for them
+  rests = 0;
   at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
   images = /** @type {Map<string, SourcePicture | null>} */ (new Map()); // by address
   /** @type {Map<string, ItemBox | null | undefined>} */
@@ -102,12 +105,12 @@ export class SourcePanel extends PagePart {
 
   update(/** @type {State} */ state) {
     this.panel.hidden = state.present_view === null;
-    if (this.panel.hidden) return;
+    if (this.panel.hidden || !this.page.isSettled) return;
     if (state.present_view !== this.present) this.pinned = this.page.lookedAt = null;
     this.present = state.present_view;
     this.angles = state.views.map((v) => v.angle_deg);
     this.revision = state.layers?.revision ?? 0;
-    this.takePick(state.pick);
+    this.pick = state.pick;
     this.show();
   }
 
@@ -239,16 +242,22 @@ export class SourcePanel extends PagePart {
 
   // --- the pick --------------------------------------------------------------------------------
 
-  takePick(/** @type {CurrentPick | null} */ pick) {
-    this.pick = pick;
-    // A pick that was laid elsewhere has its number still.
-    this.seenIn.want(pick && `source/seen/${pick.id}.json?at=${pick.position_held_m}`);
+  /** Look for the views that saw the pick once it rests, and somebody sees them. */
+  lookForPick() {
+    const pick = this.folded.on ? null : this.pick;
+    const address = pick && `source/seen/${pick.id}.json?at=${pick.position_held_m}`; // a number is given again
+    if (address === this.seenAt) return;
+    this.seenAt = address;
+    this.seenIn.want(null);
+    clearTimeout(this.rests);
+    this.rests = setTimeout(() => this.seenIn.want(this.seenAt), RESTS_MS);
   }
 
   // --- what is shown ---------------------------------------------------------------------------
 
   show() {
     const folded = this.folded.on;
+    this.lookForPick();
     this.panel.classList.toggle("folded", folded);
     rebuild(this.panel, ["frame", folded], () => {
       if (folded) return this.page.smallButton("source_image");
@@ -442,4 +451,41 @@ function withMargin({ left, top, width, height }, image) {
   const [x, y] = [Math.max(0, left - by), Math.max(0, top - by)];
   const [right, bottom] = [Math.min(image.width, left + width + by), Math.min(image.height, top + height + by)];
   return { left: x, top: y, width: right - x, height: bottom - y };
+}
+
+// --- Why pixels of a view are not in the shape -------------------------------------------------
+
+/** @typedef {{ state: string; text: string; color: string | null; share: number; missing: number }} Share */
+
+class PixelStates {
+  /** @param {() => void} changed called when a legend has come */
+  constructor(changed) {
+    this.shown = new KeptSwitch("source-states");
+    /** @type {Fetched<Share[]>} */
+    this.legend = new Fetched(askJson, changed);
+  }
+
+  /** The address of the layer of a view for a revision of the shape; null if it is not shown. */
+  addressOf(/** @type {number} */ view, /** @type {number} */ revision) {
+    return this.shown.on && revision ? `source/${view}/states-${revision}.png` : null;
+  }
+
+  /**
+   * Show the shares of a view below its image.
+   * @param {HTMLElement} element @param {number} view @param {number} revision
+   */
+  show(element, view, revision) {
+    const address = this.addressOf(view, revision)?.replace(".png", ".json") ?? null;
+    element.hidden = !address;
+    this.legend.want(address);
+    const { value } = this.legend;
+    rebuild(element, [address, value], () => (value ?? []).map(row));
+  }
+}
+
+function row(/** @type {Share} */ { state, text, color, share, missing }) {
+  const tip =
+    `${number(100 * share, 1)} % of the item's pixels; ` +
+    `${number(100 * missing, 1)} % show cloth that is in the result from no view`;
+  return make("p", { tip, data: { state } }, swatch(color ?? "transparent"), `${percent(share)} ${text}`);
 }

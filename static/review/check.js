@@ -27,8 +27,7 @@ export class CheckPanel extends PagePart {
     const { name, n_views: views } = state.recording;
     const checked = `${name} ${Math.floor(Math.log2(views / LEAST_VIEWS))}`; // again once it has doubled
     // The first picture comes first: both take all processors.
-    const waits = !state.layers && (state.phase === "computing" || state.drawing);
-    if (waits || state.capture || views < LEAST_VIEWS || checked === this.checked) return;
+    if (!this.page.isSettled || state.capture || views < LEAST_VIEWS || checked === this.checked) return;
     this.checked = checked;
     void this.ask();
   }

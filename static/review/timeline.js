@@ -45,7 +45,7 @@ export class Timeline {
   update(/** @type {State} */ state) {
     const small = Boolean(state.capture);
     const labels = [this.page.brush?.addressOf(0), this.page.brush?.certain];
-    this.listed = !byId("review-list").hidden; // the list has the pictures then
+    this.listed = !byId("review-list").hidden || !this.page.isSettled; // the list has the pictures, or they wait
     const at = [state.present_view, Boolean(state.pending)];
     rebuild(this.row, [state.views, at, state.review?.token, labels, this.listed], () =>
       state.views.map((view) => this.cell(view, state)),

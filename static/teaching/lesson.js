@@ -1,68 +1,26 @@
 // The lessons: asked for, taken as they arrive, and prepared for drawing.
 
-import { lengthsOf, partsOf, valuesOf } from "../offline/parcel.js";
+import { opened } from "../offline/parcel.js";
 
 /** The reason why a lesson cannot be made; its message is for the learner. */
 export class LessonError extends Error {}
 
 /**
- * Ask for a part (flattening, planning, alignment). `query` holds the parameters, `progress(share, text)` gets
- * how far it is; aborting `signal` gives the computation up.
+ * Ask for a part (flattening, planning, alignment) with its parameters; aborting `signal` gives it up.
  * @param {string} part @param {Record<string, number>} query @param {AbortSignal} signal
- * @param {(share: number, text: string) => void} progress
  */
-export async function fetchLesson(part, query, signal, progress) {
-  let response;
-  try {
-    const asked = new URLSearchParams(/** @type {Record<string, any>} */ (query));
-    response = await fetch(`teaching/${part}?${asked}`, { signal });
-  } catch (error) {
+export async function fetchLesson(part, query, signal) {
+  const asked = new URLSearchParams(/** @type {Record<string, any>} */ (query));
+  const answer = await fetch(`teaching/${part}?${asked}`, { signal }).catch((error) => {
     if (signal.aborted) throw error;
     throw new LessonError("There is no connection to flatcloth; start it again and try once more.");
-  }
-  if (!response.ok || !response.body) throw new LessonError(await response.text());
-  for await (const [values, body] of records(response.body, signal)) {
-    if (values.kind === "progress") progress(values.share, values.text);
-    else if (values.kind === "error") throw new LessonError(values.text);
-    else return unpack(values, body);
-  }
-  throw new LessonError("The answer of flatcloth ended too early; try once more.");
-}
-
-async function* records(/** @type {NonNullable<Response["body"]>} */ stream, /** @type {AbortSignal} */ signal) {
-  const reader = stream.getReader();
-  let waiting = new Uint8Array(0);
-  const more = async (/** @type {number} */ length) => {
-    const chunks = [waiting];
-    let size = waiting.length;
-    while (size < length) {
-      const { done, value } = await reader.read().catch((error) => {
-        if (signal.aborted) throw error;
-        return { done: true, value: new Uint8Array(0) };
-      });
-      if (done) return null;
-      chunks.push(value);
-      size += value.length;
-    }
-    const joined = new Uint8Array(await new Blob(chunks).arrayBuffer());
-    waiting = joined.slice(length);
-    return joined.slice(0, length);
-  };
-  for (let head = await more(8); head; head = await more(8)) {
-    const [textBytes, bodyBytes] = lengthsOf(head);
-    const text = await more(textBytes);
-    const body = text && (await more(bodyBytes));
-    if (!body) return;
-    yield [valuesOf(text), body];
-  }
+  });
+  if (!answer.ok) throw new LessonError(await answer.text());
+  return unpack(opened(new Uint8Array(await answer.arrayBuffer())));
 }
 
 /** @returns {Promise<Lesson>} */
-async function unpack(
-  /** @type {Lesson & { parts: Parameters<typeof partsOf>[0]; levels?: Level[] }} */ values,
-  /** @type {Uint8Array<ArrayBuffer>} */ body,
-) {
-  const { arrays, pictures } = partsOf(values.parts, body);
+async function unpack(/** @type {ReturnType<typeof opened>} */ { values, arrays, pictures }) {
   const bitmaps = Object.entries(pictures).map(async ([name, png]) => [name, await createImageBitmap(png)]);
   const picture = Object.fromEntries(await Promise.all(bitmaps));
   for (const level of values.levels ?? []) Object.assign(level, prepared(arrays, level.name));

@@ -1,10 +1,23 @@
 // The teaching mode: the stages of the method on the current recording. It only asks; it decides nothing.
 
-import { byId, find, findAll, make, rebuild, setAllowed, setCurrent, setText } from "../page/dom.js";
+import {
+  byId,
+  find,
+  findAll,
+  make,
+  rebuild,
+  setAllowed,
+  setCurrent,
+  setText,
+  isPlain,
+  taken,
+  targetOf,
+  WAYS,
+  within,
+} from "../page/dom.js";
 import { number, tipOf } from "../page/format.js";
 import { Sheet, inset } from "./draw.js";
 import { action, connectFrame, fitMath, FRAME, showLayers, STAGES, symbols } from "./frame.js";
-import { onKey } from "./keys.js";
 import { fetchLesson, LessonError } from "./lesson.js";
 import { onTheme } from "../page/theme.js";
 
@@ -17,7 +30,7 @@ const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel"];
 const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
 
 /** @type {Entry} */
-const NOTHING = { key: null, lesson: null, error: null, abort: null, progress: null };
+const NOTHING = { key: null, lesson: null, error: null, abort: null };
 
 export class Teaching {
   constructor(/** @type {Session} */ session) {
@@ -151,6 +164,7 @@ export class Teaching {
   /** Take a new state of the session: its other side may be known by now. */
   follow() {
     const { part } = STAGES[this.at];
+    this.showProgress();
     if (this.open && ["seams", "shape"].includes(part) && this.lessons[part]?.key !== this.key(part)) this.load();
   }
 
@@ -204,10 +218,7 @@ export class Teaching {
     const entry = (this.lessons[part] = { ...NOTHING, key, lesson: before?.lesson ?? null, abort });
     entry.promise = (async () => {
       try {
-        const lesson = await fetchLesson(part, query, abort.signal, (share, text) => {
-          entry.progress = { share, text };
-          this.showProgress();
-        });
+        const lesson = await fetchLesson(part, query, abort.signal);
         Object.assign(entry, { lesson, stale: false });
       } catch (error) {
         if (abort.signal.aborted) return;
@@ -425,7 +436,7 @@ export class Teaching {
     byId("teaching-progress").hidden = !busy;
     FRAME.classList.toggle("busy", busy);
     if (!busy) return;
-    const { share, text } = entry?.progress ?? { share: 0, text: "Waiting" };
+    const { share, text } = this.session.progress() ?? { share: 0, text: "Waiting" };
     setText(byId("teaching-progress-text"), `${text} · ${Math.round(100 * share)} %`);
     byId("teaching-progress-bar").value = share;
   }
@@ -436,4 +447,39 @@ export class Teaching {
     this.load();
     this.update();
   }
+}
+
+// --- The arrow keys of the teaching mode -------------------------------------------------------
+
+const PROBE_STEP = 0.02; // of the shorter side of a pane, per arrow key
+
+export function onKey(/** @type {Teaching} */ teaching, /** @type {KeyboardEvent} */ event) {
+  const target = targetOf(event);
+  if (!isPlain(event) || target.matches("input")) return;
+  const side = WAYS[event.key];
+  if (!side) return;
+  const stage = STAGES[teaching.at];
+  if (target === teaching.canvas && stage.probe) moveProbe(teaching, side, event.shiftKey ? 5 : 1);
+  else if (target.matches(".teaching-text") && side[1])
+    return; // it scrolls
+  else if (side[0]) teaching.takes(side[0] > 0 ? "teach_next" : "teach_back");
+  else if (target.matches(".teaching-stage")) moveInList(target, side[1]);
+  else return;
+  taken(event);
+}
+
+/** @param {Teaching} teaching @param {number[]} parts @param {number} times */
+function moveProbe(teaching, [right, down], times) {
+  const map = teaching.sheet.panes.find(({ key }) => key === STAGES[teaching.at].probe);
+  if (!map) return;
+  const { rect, scaleX, scaleY } = map;
+  const step = times * PROBE_STEP * Math.min(rect.w, rect.h);
+  const [u, v] = teaching.ui.at;
+  teaching.probe = { at: [u + (right * step) / scaleX, v + (down * step) / scaleY], moved: true };
+  teaching.update();
+}
+
+function moveInList(/** @type {HTMLElement} */ button, /** @type {number} */ by) {
+  const all = findAll(".teaching-stage");
+  all[within(all.indexOf(button) + by, 0, all.length - 1)].focus();
 }

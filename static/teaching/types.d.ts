@@ -66,7 +66,6 @@ declare global {
     lesson: Lesson | null;
     error: string | null;
     abort: AbortController | null;
-    progress: { share: number; text: string } | null;
     promise?: Promise<void>;
     since?: number;
   };
@@ -76,6 +75,7 @@ declare global {
     name: () => string;
     startView: () => number | null;
     views: () => number;
+    progress: () => State["lesson"];
     garment: () => number;
     other: () => number;
     findOther: () => unknown;

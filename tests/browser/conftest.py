@@ -236,8 +236,8 @@ class Tab:
         return self
 
     def scene_shows(self, node: str) -> None:
-        self.page.wait_for_selector("#viser", state="attached")
-        self.scene.wait_for_function(f"window.__viserMutable?.nodeRefFromName[{node!r}]")
+        of_scene = "document.getElementById('viser').contentWindow.__viserMutable?.nodeRefFromName"
+        self.page.wait_for_function(f"() => {of_scene}?.[{node!r}]")
 
     def areas_known(self) -> None:
         """Wait until what each view really added to the shape is known, which is computed afterwards."""

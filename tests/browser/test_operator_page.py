@@ -145,7 +145,7 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
     tab.until("flatcloth.state.pending.score >= 0.75")
     hands.do("accept")
     tab.until("flatcloth.state.pending === null && !flatcloth.state.drawing")
-    assert not tab.state()["views"][bad]["flagged"]
+    tab.until(f"!flatcloth.state.views[{bad}].flagged")  # its history is read once nothing else is computed
 
     hands.do("auto")  # of 36 noisy views it takes minutes
     page.wait_for_function("flatcloth.phase === 'finished' && !flatcloth.state.drawing", timeout=600_000)

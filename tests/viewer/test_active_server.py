@@ -33,9 +33,10 @@ from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.named_points import Point
 from flatcloth.garments.recognition import Recognition
 from flatcloth.recordings import open_recording
+from flatcloth.viewer.modes.active import active_routes
 from flatcloth.viewer.protocol.robot import Hello, Image, PointsChanged, PostedView, ShapeChanged
-from flatcloth.viewer.routes.active import active_routes, loop_events
 from flatcloth.viewer.routes.robot import Told
+from flatcloth.viewer.server.active import loop_events
 
 ROOT = Path(__file__).parents[2]
 TOKEN = "0123456789abcdef0123456789abcdef"

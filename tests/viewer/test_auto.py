@@ -8,8 +8,8 @@ from types import SimpleNamespace
 from flatcloth.session.document import Document
 from flatcloth.session.machine import Propose, SessionState
 from flatcloth.viewer import auto
+from flatcloth.viewer.protocol.sent import AutoInfo
 from flatcloth.viewer.protocol.settings import Settings
-from flatcloth.viewer.protocol.state import AutoInfo
 
 RUNS = AutoInfo(running=True)
 BEGUN = Document(start_view=0)

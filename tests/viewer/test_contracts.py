@@ -520,6 +520,18 @@ def test_cancel_gives_the_work_up_stops_auto_and_the_late_answer_is_dropped(serv
         leads_to(tab, do("view", 5), proposed(5))
 
 
+def test_a_session_of_several_views_tells_how_many_are_opened(integration, folder) -> None:
+    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
+        for said, told in THREE:
+            leads_to(tab, said, told)
+    gate = threading.Event()
+    integration.algorithm.why_unusable = lambda _view: gate.wait(WAIT_S) and ""
+    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
+        leads_to(tab, None, {"progress.text": "opening view 1 of 4", "drawing": True, "layers": None})
+        gate.set()
+        leads_to(tab, None, {"drawing": False, "progress": None, "step": 4})
+
+
 def test_a_program_that_was_killed_while_views_followed_goes_on_with_them(integration, folder) -> None:
     with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
         for said, told in THREE:

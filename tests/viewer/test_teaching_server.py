@@ -1,4 +1,4 @@
-"""What the teaching mode of a page is sent: records as they are made, and nothing once it hangs up."""
+"""What the teaching mode of a page is sent: whole lessons, and nothing once it hangs up."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ DTYPES = {"int8": 1, "uint8": 1, "int16": 2, "int32": 4, "float32": 4}
 
 
 WAIT_S = 30
+TOLD: list[Any] = []  # how far a lesson is, as the state of the page tells it
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +44,8 @@ def integration():
 def teaching(integration, executor=None) -> TeachingRoutes:
     """The teaching mode of a page that knows neither a garment nor another side."""
     executor = executor or Executor(lambda job: job())
-    garments = SimpleNamespace(last=None)
-    page = SimpleNamespace(integration=integration, executor=executor, garments=garments, other_sheet=None)
+    known = {"garments": SimpleNamespace(last=None), "other_sheet": None, "tell_lesson": TOLD.append}
+    page = SimpleNamespace(integration=integration, executor=executor, **known)
     return TeachingRoutes(cast("Any", page))
 
 
@@ -72,7 +73,8 @@ def sent_until(page, path, left: threading.Event) -> list[Any]:
     sent: list[Any] = []
 
     async def receive():
-        await asyncio.to_thread(left.wait, WAIT_S)
+        while not left.is_set():
+            await asyncio.sleep(0.01)
         return {"type": "http.disconnect"}
 
     async def send(message):
@@ -89,25 +91,19 @@ def page(routes):
     return Page(routes)
 
 
-def records(data):
-    """Return the records of an answer: each its values and its body."""
-    found = []
-    while data:
-        text, body = struct.unpack_from("<II", data)
-        values = json.loads(data[8 : 8 + text], parse_constant=lambda word: pytest.fail(f"{word} in JSON"))
-        found.append((values, data[8 + text : 8 + text + body]))
-        data = data[8 + text + body :]
-    return found
-
-
 def lesson(page, part, **query):
+    TOLD.clear()
     status, data = page.get(f"/teaching/{part}", **query)
     assert status == 200, data
-    *before, (values, body) = records(data)
-    assert [v["kind"] for v, _ in before] == ["progress"] * len(before)
-    assert all(0 <= v["share"] <= 1 for v, _ in before)
-    assert part != "alignment" or len(before) > 5, "progress is told before the lesson"
-    return values, body
+    text, body = struct.unpack_from("<II", data)
+    values = json.loads(data[8 : 8 + text], parse_constant=lambda word: pytest.fail(f"{word} in JSON"))
+    assert len(data) == 8 + text + body
+    assert values["kind"] == part
+    *progress, end = TOLD
+    assert end is None
+    assert all(0 <= each.share <= 1 for each in progress)
+    assert part != "alignment" or len(progress) > 5, "progress is told before the lesson"
+    return values, data[8 + text :]
 
 
 def array(values, body, name):
@@ -278,13 +274,13 @@ def test_what_goes_wrong_is_told_and_the_next_question_is_answered(page, routes,
 
     error: Exception = SurfaceError("View 4: nothing to see; use another view.")
     monkeypatch.setattr(Teaching, "flattening", fail)
-    assert lesson(page, "flattening", start_view=0)[0] == {"kind": "error", "text": str(error)}
+    assert page.get("/teaching/flattening", start_view=0) == (409, str(error).encode())
     error = ZeroDivisionError("oh")
-    values, _ = lesson(page, "flattening", start_view=0)
-    assert values["text"] == "Unexpected error while computing: ZeroDivisionError('oh'). See the terminal."
+    told = b"Unexpected error while computing: ZeroDivisionError('oh'). See the terminal."
+    assert page.get("/teaching/flattening", start_view=0) == (409, told)
     assert "unexpected error while computing" in caplog.text
     monkeypatch.undo()
-    assert lesson(page, "flattening", start_view=0)[0]["kind"] == "flattening"
+    lesson(page, "flattening", start_view=0)
 
 
 def test_hanging_up_gives_the_computation_up(page, monkeypatch):
@@ -302,4 +298,4 @@ def test_hanging_up_gives_the_computation_up(page, monkeypatch):
     monkeypatch.setattr(Teaching, "alignment", endless)
     sent = sent_until(page, "/teaching/alignment", began)
     assert stopped.wait(WAIT_S)
-    assert all(message.get("more_body", True) for message in sent)
+    assert sent[0]["status"] == 499

@@ -1,4 +1,4 @@
-"""The pictures that the page fetches, and how they are looked at."""
+"""The pictures that the page fetches, how they are looked at, and the result."""
 
 from __future__ import annotations
 
@@ -13,12 +13,7 @@ from viewer_fakes import PIXEL_M, CylinderIntegration, cylinder_view
 from flatcloth.api.integrating import flatten
 from flatcloth.recordings import open_recording
 from flatcloth.rendering.colormaps import MAPS
-from flatcloth.rendering.layers import (
-    Appearance,
-    difference_rgba,
-    legend,
-    rgba,
-)
+from flatcloth.rendering.layers import Appearance, difference_rgba, legend, rgba
 from flatcloth.viewer.protocol.picture import truth_of
 from flatcloth.viewer.routes.layers import layer_routes
 

@@ -8,10 +8,14 @@ decided as any other; then the loop learns from it and chooses the next angle.
 from __future__ import annotations
 
 import functools
-import logging
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
 
 from flatcloth.active.choosing import FIRST, End, Next, Waiting
 from flatcloth.active.eye import CameraEye
@@ -19,22 +23,24 @@ from flatcloth.active.goal import Goal, Knowledge, parse_goal
 from flatcloth.active.incoming import SeenView, Taken
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.active.service import ActiveService, Eye
-from flatcloth.core.errors import FlatclothError, IllegalDecisionError
-from flatcloth.core.geometry import Rigid3
+from flatcloth.core.errors import FlatclothError, IllegalDecisionError, RecordingError
 from flatcloth.core.types import finite
 from flatcloth.engine.headless import better_start
 from flatcloth.session.document import UNSURE
 from flatcloth.session.machine import Phase, Propose, Reject, Restart, SessionState, Start
+from flatcloth.viewer import http
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.session import Answer, Application
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import Action
-from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
-from flatcloth.viewer.protocol.state import AutoInfo
-from flatcloth.viewer.scene.scene import Scene
+from flatcloth.viewer.protocol.robot import PostedView
+from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep, AutoInfo
 
-_log = logging.getLogger(__name__)
+if TYPE_CHECKING:
+    from flatcloth.viewer.scene.scene import Scene
 
+MAX_BODY_BYTES = 32 * 2**20
+"""Limit of a view's body. Chosen: raw color and depth of 1920 x 1080 pixels take 14 MB in base64."""
 ANSWER_S = 60.0
 """Longest time that a robot waits for a computation. Chosen: a view takes a few seconds."""
 STEPS_SHOWN = 6
@@ -98,9 +104,10 @@ class ActiveApplication(Application):
         loop.garments = self.garments
         loop.page = self
 
-    def service(self, base_from_camera: Rigid3 | None) -> ActiveService:
-        """Return the loop for a robot."""
-        return ActiveService(self.loop, self._eye, base_from_camera, self.take_view)
+    def routes(self) -> list[BaseRoute]:
+        """Return the routes of a session, and those by which a robot turns the item."""
+        service = ActiveService(self.loop, self._eye, self.base_from_camera, self.take_view)
+        return [*super().routes(), *active_routes(service)]
 
     def take_view(self, view: SeenView, answers: int | None = None) -> Taken:
         """Take a view that a robot sends; it is decided on the page."""
@@ -284,3 +291,31 @@ class ActiveApplication(Application):
             self.answered(self.loop.write)
         except FlatclothError as error:
             self._put(None, functools.partial(self.tell, None, "error", str(error)))
+
+
+def active_routes(
+    service: ActiveService, on_answer: Callable[[dict[str, Any]], object] = lambda _: None
+) -> list[BaseRoute]:
+    """Return the routes; ``on_answer`` is called with each answer before it is sent."""
+
+    async def answered(make: Callable[[], dict[str, Any]]) -> Response:
+        answer = await run_in_threadpool(make)
+        on_answer(answer)
+        return http.as_json(answer)
+
+    async def following(request: Request) -> Response:
+        rotation_deg = http.rotation_of(request)
+        return await answered(lambda: service.next(rotation_deg))
+
+    async def view(request: Request) -> Response:
+        rotation_deg = http.rotation_of(request)
+        posted = await http.read_json(request, PostedView, MAX_BODY_BYTES)
+        try:
+            seen = await run_in_threadpool(posted.view) if posted.has_images else None
+        except (ValueError, RecordingError) as error:
+            raise http.RefusedError(f"The view was not read: {error}", 400) from error
+        if seen is None:
+            return await answered(lambda: service.look(posted.angle_deg, posted.number, rotation_deg))
+        return await answered(lambda: service.take(seen, posted.number, rotation_deg))
+
+    return [Route("/robot/next", following), Route("/robot/view", view, methods=["POST"])]

@@ -3,6 +3,12 @@
 The camera's thread processes every frame; work that takes longer than a frame runs on a second thread. The
 page's thread and the web server's give commands, and flatten what the tabs ask for. One lock protects the
 state of the capture.
+
+A turntable or a robot announces the angles and reads the status over HTTP: ``GET /capture`` returns the
+status; ``POST /capture/angle`` with ``{"angle_deg": 20.0}`` announces the item's present angle, since view 0.
+``POST /capture/begin``, ``keep``, ``repeat`` and ``finish`` act like the buttons of the page. Every answer is
+the status as JSON, or ``{"error": reason}`` with code 400 (malformed), 404 (no such address), 409 (not
+allowed now) or 503 (the camera has ended).
 """
 
 from __future__ import annotations
@@ -16,10 +22,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 import numpy as np
 from msgspec import structs
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
 
 from flatcloth.cameras import capture
 from flatcloth.cameras.base import CameraError, CameraFrame
@@ -38,15 +49,26 @@ from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS, apply_table
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer import http
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import ONLY_A_CAMERA, Action, action_table
-from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import UV, Grid, Legend, parcel_of, typed
-from flatcloth.viewer.protocol.state import CapturedView, CaptureStatus, ViewRow
-from flatcloth.viewer.scene.scene import Scene
+from flatcloth.viewer.protocol.sent import (
+    UV,
+    CapturedView,
+    CaptureStatus,
+    FrameInfo,
+    Grid,
+    Legend,
+    ViewRow,
+    parcel_of,
+    typed,
+)
+
+if TYPE_CHECKING:
+    from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
 
@@ -160,12 +182,8 @@ class LiveFrames:
         return self._kept[-1]
 
 
-STATUS_INTERVAL_S = 0.1
-"""Intervals of the status, and of the checks of the image. Chosen."""
 LOOK_INTERVAL_S = 0.5
-"""See ``STATUS_INTERVAL_S``."""
-STATE_INTERVAL_S = 0.25
-"""Interval of updates of picks and numbers while playing; when paused they are immediate. Chosen."""
+"""Interval of the checks of the image. Chosen."""
 RATE_WINDOW_S = 1.0
 """Time over which the camera's rate is measured. Chosen."""
 REFRAME_M = 0.15
@@ -185,6 +203,19 @@ CHECKED_VIEWS = 6
 """Views on disk after which a capture is checked: fewer pairs are no evidence. Chosen."""
 
 _NOT_BEGUN = "No capture is running; start one first."
+
+MAX_BODY_BYTES = 10_000
+"""Limit of a request's body. Chosen: far above what the page sends."""
+_WANTED = 'Send {"angle_deg": 20.0}, and "keep": false if an operator decides.'
+_HEARD = {"angle": "announce", "begin": "begin", "keep": "keep", "repeat": "repeat", "finish": "finish"}
+"""What a program may post, and the action that it is."""
+
+
+class _Announcement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The body of ``POST /capture/angle``; without ``keep`` the view is kept automatically."""
+
+    angle_deg: Annotated[float, msgspec.Meta(ge=-messages.MAX_ANGLE_DEG, le=messages.MAX_ANGLE_DEG)]
+    keep: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,6 +241,8 @@ class CaptureApplication(PageController):
         The settings of the capture.
     """
 
+    has_camera = True
+
     def __init__(
         self,
         integration: Integration,
@@ -221,7 +254,6 @@ class CaptureApplication(PageController):
     ) -> None:
         super().__init__(integration, folder, scene, tabs)
         self._feed, self._chosen = feed, settings
-        self._state_at_s = 0.0
         self._shown: Shown | None = None
         self._frames = LiveFrames(LiveFlattening(integration, feed).newest)
         self._lock = threading.Lock()
@@ -235,7 +267,7 @@ class CaptureApplication(PageController):
         self._checked_views = 0
         self._came_s: deque[float] = deque()  # the frames of the last second
         self._camera_fps = 0.0
-        self._reported_s = self._looked_s = 0.0
+        self._looked_s = 0.0
         self._framed_at: np.ndarray[Any, Any] | None = None
         self._busy = threading.Event()
         feed.on_frame, feed.on_end = self._on_frame, self._on_end
@@ -273,11 +305,7 @@ class CaptureApplication(PageController):
                     self._put(None, partial(self.tell, None, "error", str(error)))
                 changed = self._note_view() or _place(before) != _place(self._guided.state)
                 self._check_if_doubled(len(self._guided.state.kept_deg))
-        if changed:
-            self._put(None, self.publish)
-        if changed or now_s - self._reported_s >= STATUS_INTERVAL_S:
-            self._reported_s = now_s
-            self.tabs.tell(None, self.status())
+        self._put(None, self.publish if changed else self.report)
         if not self._busy.is_set() and self._frames.playing:
             self._busy.set()
             self.executor.put("scene", lambda: self._look(frame, now_s))
@@ -331,21 +359,52 @@ class CaptureApplication(PageController):
             self._put(None, partial(self.tell, None, "warning", str(error)))
             return
         self._doubts = tuple(finding.line for finding in found if finding.stops)
-        self.tabs.tell(None, self.status())
+        self._put(None, self.publish)
 
     # --- the web server's threads ---------------------------------------------------------------
 
-    def frame_after(self, sequence: int, layer: str) -> bytes | None:
+    def routes(self) -> list[BaseRoute]:
+        """Return the routes of a guided capture."""
+
+        def view(_request: Request) -> bytes:
+            if not self.view_png:
+                raise http.RefusedError("No view has been taken yet.", 404)
+            return self.view_png
+
+        async def hear(request: Request) -> Response:
+            word = request.path_params["action"]
+            if word not in _HEARD:
+                known = ", ".join(_HEARD)
+                raise http.RefusedError(f"Unknown address /capture/{word:.40}; choose one of {known}.", 404)
+            angle_deg, keeps_itself = None, False
+            if word == "angle":
+                said = await http.read_json(request, _Announcement, MAX_BODY_BYTES, _WANTED)
+                angle_deg, keeps_itself = said.angle_deg, said.keep
+            await run_in_threadpool(self.act, _HEARD[word], angle_deg, keeps_itself)
+            self._put(None, self.publish)
+            return http.as_json(await run_in_threadpool(self.status))
+
+        return [
+            http.get("/capture", lambda _: self.status()),
+            http.get("/capture/view.png", view),
+            http.get(
+                "/capture/frame/{after:int}/{layer}", self._frame, "application/octet-stream", gone=None
+            ),
+            Route("/capture/{action}", hear, methods=["POST"]),
+        ]
+
+    def _frame(self, request: Request) -> bytes | None:
         """Return the next frame for a tab in a layer; None if there is none yet."""
-        shown = self._frames.after(sequence)
+        layer = request.path_params["layer"]
+        if layer not in layers.LAYERS:
+            known = ", ".join(layers.LAYERS)
+            raise http.RefusedError(f"Unknown layer {layer!r:.40}; choose one of {known}.", 404)
+        shown = self._frames.after(request.path_params["after"])
         if shown is None:
             return None
         if shown is not self._shown:
             self._shown, self.picture = shown, shown.picture
-            now_s = time.monotonic()
-            if not self._frames.playing or now_s - self._state_at_s > STATE_INTERVAL_S:
-                self._state_at_s = now_s
-                self._put(None, self.publish)
+            self._put(None, self.report if self._frames.playing else self.publish)
         picture, axis = shown.picture, self.integration.axis
         info = FrameInfo(sequence=shown.sequence, reason=shown.reason)
         if picture is not None:
@@ -532,10 +591,6 @@ class CaptureApplication(PageController):
             "angle_deg": None,
             "actions": tuple(_allowed(action, status) for action in action_table(None)),
         }
-
-    def announce(self) -> None:
-        """Send the state to every tab after a program (not the page) has changed it."""
-        self._put(None, self.publish)
 
 
 def _place(state: Capture) -> tuple[Phase, int, float]:

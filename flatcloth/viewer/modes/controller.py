@@ -31,13 +31,23 @@ from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
-from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer
 from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
-from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described
-from flatcloth.viewer.protocol.sent import UV, Note, NoteLevel
+from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described, layers_of_shape
+from flatcloth.viewer.protocol.sent import (
+    UV,
+    AutoInfo,
+    HoverAnswer,
+    Measured,
+    Note,
+    NoteLevel,
+    PageState,
+    Picked,
+    Progress,
+    RayAnswer,
+    RecordingInfo,
+    ServerMessage,
+)
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore
-from flatcloth.viewer.protocol.snapshot import layers_of_shape
-from flatcloth.viewer.protocol.state import AutoInfo, PageState, RecordingInfo
 from flatcloth.viewer.worker import Executor, Worker
 
 if TYPE_CHECKING:  # viser is loaded with the first source, and not at all for a robot without a page
@@ -51,6 +61,8 @@ MOST_WAITING = 200
 """Most messages in the queue of the page's thread. Chosen: no operator is faster; it bounds memory."""
 ANSWER_S = 30.0
 """Longest time that a program waits for the page's thread. Chosen: above the time limits of HTTP clients."""
+PROGRESS_INTERVAL_S = 0.2
+"""Interval between states of which only the progress is new. Chosen: each takes some milliseconds."""
 MESSAGES_KEPT = 100
 """Number of recent messages that a newly opened tab receives. Chosen."""
 
@@ -68,6 +80,8 @@ class PageController(ABC):
         The 3D side and the tabs.
     """
 
+    has_camera = False
+
     def __init__(self, integration: Integration, folder: SessionFolder, scene: Scene, tabs: Hub) -> None:
         self.integration, self.folder, self.scene, self.tabs = integration, folder, scene, tabs
         # A session in memory has its settings in memory too.
@@ -78,8 +92,11 @@ class PageController(ABC):
         self._picks = PickStore(folder, integration, self._highlight)
         self.garments = GarmentService(integration, joins=True)
         self.picture: Picture | None = None  # what is shown at present; immutable
+        self.lesson: Progress | None = None  # how far one is that is being made
+        self.base_from_camera: Rigid3 | None = None  # with it, poses are also in the frame of the robot
         self._note_ids = itertools.count(1)
-        self._revision = 0
+        self._newest: dict[tuple[int, type[messages.Said]], int] = {}  # the last question of each tab
+        self._revision, self._published_at_s, self._reported = 0, 0.0, ""
         self.last_state: PageState | None = None  # what was sent last
         self._front = Worker("flatcloth-session", self._recover)
         self.executor = Executor(partial(self._put, None))
@@ -150,13 +167,7 @@ class PageController(ABC):
             return hit_by(self.picture, self.scene.visible_points(), hover)
         return described(self.picture, self.integration, hover)
 
-    def grasps(
-        self,
-        base_from_camera: Rigid3 | None = None,
-        *,
-        with_garment: bool = True,
-        rotation_deg: float | None = None,
-    ) -> dict[str, Any]:
+    def grasps(self, rotation_deg: float | None = None, *, with_garment: bool = True) -> dict[str, Any]:
         """Return the list of picks as it is exported, with the seen points of the garment if wanted.
 
         ``rotation_deg`` is the rotation of the item for the poses, by default that of the shown view.
@@ -175,7 +186,7 @@ class PageController(ABC):
             axis=self.integration.axis,
             rotation_deg=picture.angle_deg if rotation_deg is None else rotation_deg,
             grips=self.grips,
-            base_from_camera=base_from_camera,
+            base_from_camera=self.base_from_camera,
         )
         named = self.named_points() if with_garment else ()
         view, *floating = picture.pieces("this")
@@ -297,11 +308,12 @@ class PageController(ABC):
         """Show the picture in 3D, unless another follows until the scene has time for it."""
         picture = self.picture
 
-        def show() -> None:
-            if picture is self.picture:
-                self.scene.show(picture)
+        def shown(trouble: str | None) -> None:
+            if trouble:
+                self.tell(None, "error", trouble)
 
-        self.executor.put("scene", show)
+        show, is_present = partial(self.scene.show, picture), lambda: picture is self.picture
+        self.executor.compute("scene", show, shown, "drawing the 3D scene", is_present)
 
     def _turn_to(self, view_index: int) -> None:
         angles_deg = self.integration.recording.angles_deg
@@ -330,6 +342,27 @@ class PageController(ABC):
             path_uv_m=found.path_uv_m.tolist(),
         )
 
+    def answer_newest(
+        self,
+        client: int,
+        asked: messages.Preview | messages.PreviewPoint,
+        make: Callable[[], ServerMessage],
+        refuse: Callable[[str], ServerMessage | None] = lambda _: None,
+    ) -> None:
+        """Answer a question of a tab about what it drags, unless a newer one follows until then.
+
+        A drag asks faster than can be computed: it has a lane of its own, so that nothing else waits for it.
+        """
+        kind, number = (client, type(asked)), asked.id
+        self._newest[kind] = number
+
+        def take(made: ServerMessage | str) -> None:
+            answer = refuse(made) if isinstance(made, str) else made
+            if answer is not None:
+                self.tabs.tell(client, answer)
+
+        self.executor.compute("repair", make, take, "looking ahead", lambda: self._newest[kind] == number)
+
     @abstractmethod
     def _take(self, client: int, message: messages.Message) -> None:
         """Process a message that depends on the mode."""
@@ -348,6 +381,7 @@ class PageController(ABC):
             "layers": None if picture is None else layers_of_shape(picture),
             "pick": self._picks.current_info(picture),
             "picks": self._picks.listed(picture),
+            "lesson": self.lesson,
             "log": self._log,
             "settings": self.settings.now,
             "settings_rows": self.settings.rows,
@@ -356,9 +390,20 @@ class PageController(ABC):
 
     def publish(self) -> None:
         """Send the present state to every tab; on the page's own thread."""
-        self._revision += 1
+        self._revision, self._published_at_s = self._revision + 1, time.monotonic()
         self.last_state = PageState(**self._fields())
         self.tabs.show(self.last_state)
+
+    def report(self, about: str = "") -> None:
+        """Send the state, of which only a progress is new, unless one about the same was sent just now."""
+        is_same, self._reported = about == self._reported, about
+        if not is_same or time.monotonic() - self._published_at_s >= PROGRESS_INTERVAL_S:
+            self.publish()
+
+    def tell_lesson(self, progress: Progress | None) -> None:
+        """Tell how far a lesson of the teaching mode is; None: none is made."""
+        self.lesson = progress
+        self.report("" if progress is None else progress.text)
 
     def tell(self, client: int | None, level: NoteLevel, text: str) -> None:
         """Notify a tab, or (None) all, with the state, whose log keeps it; on the page's own thread."""

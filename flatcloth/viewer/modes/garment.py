@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,8 @@ from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, Re
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.answers import GarmentPreview
 from flatcloth.viewer.protocol.picture import OtherSheet, outline_of
-from flatcloth.viewer.protocol.sent import typed
-from flatcloth.viewer.protocol.state import FoundGarment, GarmentInfo
+from flatcloth.viewer.protocol.sent import FoundGarment, GarmentInfo, GarmentPreview, typed
 
 NOT_YET = "The garment is recognised once two views are integrated."
 
@@ -44,7 +42,6 @@ class GarmentController:
         self._asked: Hashable = None
         self._answered: Hashable = None
         self._doubt = 0.0
-        self._previewed: tuple[int, int] | None = None
 
     # --- recognition --------------------------------------------------------------------------------
 
@@ -120,15 +117,12 @@ class GarmentController:
                     piece_decision(known.canonical, self._piece(known, label), accepted=accepted)
                 )
 
-    def preview(self, client: int, message: messages.PreviewPoint, document: Document) -> None:
-        """Send a tab the outline while a point is dragged; only the last request is answered."""
+    def preview(self, message: messages.PreviewPoint, document: Document) -> Callable[[], GarmentPreview]:
+        """Return what computes the outline while a point is dragged."""
         known = self._recognised()
         self._named(known, message.name)
-        key = self._previewed = client, message.id
 
-        def work() -> None:
-            if self._previewed != key:
-                return
+        def outlined() -> GarmentPreview:
             view = known.canonical.view
             others = tuple(p for p in pulls_of(document.garment, view) if p.name != message.name)
             pull = Pull(name=message.name, uv_m=np.array([message.u_m, message.v_m]))
@@ -137,9 +131,9 @@ class GarmentController:
             )
             found = with_placed_cloth(found, known.pieces, known.canonical.floating)
             preview = {"type": "garment_preview", "id": message.id, **drawn(found, known)}
-            self._page.tabs.tell(client, typed(preview, GarmentPreview))
+            return typed(preview, GarmentPreview)
 
-        self._page.executor.put("repair", work)
+        return outlined
 
     def seen_point(self, name: str, other: OtherSheet | None = None) -> tuple[float, float, SheetSide]:
         """Return the place of a named point on visible cloth, and the side that shows it.

@@ -20,9 +20,9 @@ from flatcloth.session.garment import DecideLink
 from flatcloth.shape.joints import NEGLIGIBLE
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.protocol.answers import HeldByView, JointInfo, JointsInfo
 from flatcloth.viewer.protocol.messages import DecideJoint
 from flatcloth.viewer.protocol.picture import outline_of, place_in_view
+from flatcloth.viewer.protocol.sent import HeldByView, JointInfo, JointsInfo
 
 MOST_MARKS = 60
 """Marks of a joint in one image, or on the shape. Chosen: a line of them is seen."""

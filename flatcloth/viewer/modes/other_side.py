@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Hashable
 from dataclasses import replace
 
@@ -22,15 +21,19 @@ from flatcloth.session.document import Document
 from flatcloth.session.garment import DecideSeam
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.protocol.picture import OtherSheet, Picture, outline_of, truth_of
-from flatcloth.viewer.protocol.sent import Legend, Progress, typed
-from flatcloth.viewer.protocol.snapshot import layers_of_other
-from flatcloth.viewer.protocol.state import OtherSideInfo, SeamInfo, SeamPlaces, SidePlaces
+from flatcloth.viewer.protocol.picture import OtherSheet, Picture, layers_of_other, outline_of, truth_of
+from flatcloth.viewer.protocol.sent import (
+    Legend,
+    OtherSideInfo,
+    Progress,
+    SeamInfo,
+    SeamPlaces,
+    SidePlaces,
+    typed,
+)
 from flatcloth.viewer.worker import one_at_a_time
 
 NOT_ASKED = "The other side is not computed yet."
-_TELL_S = 0.4
-"""Interval between messages of progress. Chosen: each is a whole state of the page."""
 
 
 class OtherSideController:
@@ -43,7 +46,6 @@ class OtherSideController:
         self._page, self.both, self._on_made = page, both, on_made
         self._asked: tuple[Hashable, ...] | None = None
         self._revision = 0
-        self._told_at_s = 0.0
         self._is_working, self._text = False, NOT_ASKED  # why nothing is made
         self._progress: Progress | None = None
         self.is_wanted = False
@@ -103,10 +105,7 @@ class OtherSideController:
 
         def report(share: float, text: str) -> None:
             check()
-            now_s = time.monotonic()
-            if now_s - self._told_at_s >= _TELL_S:
-                self._told_at_s = now_s
-                self._page.executor.on_page(lambda: self._progressed(Progress(share=share, text=text)))
+            self._page.executor.on_page(lambda: self._progressed(Progress(share=share, text=text)))
 
         with one_at_a_time(check):
             sides = self.both.joined(document, report, check=check)
@@ -131,7 +130,7 @@ class OtherSideController:
     def _progressed(self, progress: Progress) -> None:
         if self._is_working:
             self._progress = progress
-            self._page.publish()
+            self._page.report(progress.text)
 
     def _take(self, made: OtherSheet | str) -> None:
         self._is_working, self._progress = False, None

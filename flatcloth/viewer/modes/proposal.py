@@ -1,8 +1,4 @@
-"""What the messages about the proposal and about the axis mean: moves, pairs of points, pieces, refinement.
-
-A drag asks for scores faster than they can be computed. Only the newest question of each tab is answered,
-on a lane of its own, so that nothing else waits for it.
-"""
+"""What messages about the proposal and about the axis mean: moves, pairs of points, pieces, refinement."""
 
 from __future__ import annotations
 
@@ -22,12 +18,9 @@ from flatcloth.engine.sheet import Sheet, is_on_shape, place_of_piece
 from flatcloth.session.document import Document, Pending, accept
 from flatcloth.session.kept import Ghost, Ghosts
 from flatcloth.session.machine import Command, Nudge, Reopen, TakePart
-from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer
-from flatcloth.viewer.protocol.picture import Overlay, Picture
-from flatcloth.viewer.protocol.snapshot import center_uv_m
-from flatcloth.viewer.protocol.state import AxisInfo
+from flatcloth.viewer.protocol.picture import Overlay, Picture, shown_center_uv_m
+from flatcloth.viewer.protocol.sent import AxisInfo, PairsAnswer, PreviewAnswer
 
 _STILL_MM = 0.05
 """Smaller motions are reported as none. Chosen: half of the last digit shown."""
@@ -35,41 +28,19 @@ _STILL_DEG = 0.005
 """See ``_STILL_MM``."""
 
 
-class Previews:
-    """Sends a tab the score of a moved proposal; its newest question only. For the page's own thread."""
-
-    def __init__(self, page: PageController) -> None:
-        self._page = page
-        self._newest: dict[int, int] = {}  # the last question of each tab
-
-    def ask(self, client: int, asked: messages.Preview, document: Document, by: Rigid2) -> None:
-        """Answer with the score of the proposal moved ``by``, and that after refinement.
-
-        The page asks for it with each proposal, so that one that was decided meanwhile is no error.
-        """
-
-        def take(found: RefinedScore | str) -> None:
-            if isinstance(found, str):
-                self._page.tabs.tell(client, PreviewAnswer(id=asked.id, why=found))
-                return
-            answer = PreviewAnswer(
-                id=asked.id,
-                score=found.score.total,
-                apart_mm=found.score.apart_mm,
-                refined_score=found.refined_score.total,
-                refined_apart_mm=found.refined_score.apart_mm,
-            )
-            self._page.tabs.tell(client, answer)
-
-        def make() -> RefinedScore:
-            pending = asked_about(document, asked.view_index)
-            moved = replace(document, pending=replace(pending, nudge=by @ pending.nudge))
-            return self._page.integration.refined_score(moved)
-
-        self._newest[client] = asked.id
-        self._page.executor.compute(
-            "repair", make, take, "scoring the placement", lambda: self._newest[client] == asked.id
-        )
+def preview(
+    integration: Integration, document: Document, asked: messages.Preview, by: Rigid2
+) -> PreviewAnswer:
+    """Return the score of the proposal moved ``by``, and that after refinement."""
+    pending = asked_about(document, asked.view_index)
+    found = integration.refined_score(replace(document, pending=replace(pending, nudge=by @ pending.nudge)))
+    return PreviewAnswer(
+        id=asked.id,
+        score=found.score.total,
+        apart_mm=found.score.apart_mm,
+        refined_score=found.refined_score.total,
+        refined_apart_mm=found.refined_score.apart_mm,
+    )
 
 
 def asked_about(document: Document, view_index: int) -> Pending:
@@ -210,7 +181,7 @@ def meant(shown: tuple[Pending, Overlay] | None, asked: messages.Move) -> Rigid2
     if shown is None:
         return by
     pending, overlay = shown
-    return overlay.meant(pending, by.about(np.array(center_uv_m(pending, overlay))))
+    return overlay.meant(pending, by.about(np.array(shown_center_uv_m(pending, overlay))))
 
 
 def placing_piece(

@@ -26,9 +26,8 @@ from flatcloth.session.kept import keep_summary
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.protocol.answers import DiagnosticsInfo, ResultInfo, ShownPairs
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.state import ReviewInfo
+from flatcloth.viewer.protocol.sent import DiagnosticsInfo, ResultInfo, ReviewInfo, ShownPairs
 
 _log = logging.getLogger(__name__)
 

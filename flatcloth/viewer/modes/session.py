@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import structs
@@ -45,7 +44,7 @@ from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import auto
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes import proposal
-from flatcloth.viewer.modes.controller import PageController
+from flatcloth.viewer.modes.controller import PROGRESS_INTERVAL_S, PageController
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.joints import JointService
 from flatcloth.viewer.modes.other_side import OtherSideController
@@ -53,21 +52,17 @@ from flatcloth.viewer.modes.review import ReviewService, diagnostics_routes
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NO_CAMERA, command_of
-from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
-from flatcloth.viewer.protocol.sent import NoteLevel, Progress
-from flatcloth.viewer.protocol.snapshot import of_session, with_ghosts
-from flatcloth.viewer.protocol.state import AutoInfo
-from flatcloth.viewer.scene.scene import Scene
+from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture, of_session, with_ghosts
+from flatcloth.viewer.protocol.sent import AutoInfo, NoteLevel, PreviewAnswer, Progress
 from flatcloth.viewer.worker import attempt, awaited
+
+if TYPE_CHECKING:
+    from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
 
 UNDRAWN = "Undo (U) takes back what was done last; Restart chooses another start view."
 """What to do if the shape of a session cannot be drawn."""
-
-
-PROGRESS_INTERVAL_S = 0.05
-"""Interval between messages of progress. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +98,6 @@ class Application(PageController):
         self._ghosts = read_ghosts(self.place)
         self.other = OtherSideController(self, self.garments, self._other_made)
         self._work = SessionWork(self)
-        self._previews = proposal.Previews(self)
         self._review = ReviewService(self)
         self._sides = SideController(self)
         self._joints = JointService(self)
@@ -166,8 +160,13 @@ class Application(PageController):
             case messages.Do():
                 self._decide(client, message)
             case messages.Preview():
-                by = proposal.meant(self._placed(), message)
-                self._previews.ask(client, message, self._state.document, by)
+                document, by = self._state.document, proposal.meant(self._placed(), message)
+                self.answer_newest(
+                    client,
+                    message,
+                    lambda: proposal.preview(self.integration, document, message, by),
+                    lambda why: PreviewAnswer(id=message.id, why=why),
+                )
             case messages.Move(view_index=view):
                 self._by_hand(Nudge(view, proposal.meant(self._placed(), message)))
             case messages.TakePart(view_index=view, component=component):
@@ -208,7 +207,7 @@ class Application(PageController):
                 strokes = self._state.document.strokes
                 self._sides.where_next(strokes, n, lambda answer: self.tabs.tell(client, answer))
             case messages.PreviewPoint():
-                self._garment.preview(client, message, self._state.document)
+                self.answer_newest(client, message, self._garment.preview(message, self._state.document))
             case (
                 messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints() | messages.DecidePiece()
             ):
@@ -493,7 +492,6 @@ class SessionWork:
         # The request that is being answered, and a mark of that job: a cancelled one is no longer this.
         self._running: tuple[Request, object] | None = None
         self._asked: Document | None = None
-        self._reported_at_s = 0.0
         # What will be asked for if the proposal is accepted, and its answer.
         self._foreseen: tuple[SessionState, Future[Answer]] | None = None
         # The last picture, even if it was never shown: revisions continue from it. Set by the worker only.
@@ -519,10 +517,15 @@ class SessionWork:
             self._asked = None
         elif self._asked is not document and not (request is not None and self._ahead_of(state)):
             self._asked = document
+
+            def take(made: Picture | str) -> None:
+                self.progress = None if self._running is None else self.progress
+                self._page.drawn(made)
+
             self._page.executor.compute(
                 "work",
                 lambda: self._draw(document),
-                self._page.drawn,
+                take,
                 "drawing",
                 lambda: self._asked is document,  # otherwise a decision has changed it
             )
@@ -563,19 +566,10 @@ class SessionWork:
         running = self._running = request, object()
         self.progress = Progress(share=0.0, text="Waiting")
 
-        def note(progress: Progress) -> None:
-            if self._running is not running:
-                return
-            self.progress = progress
-            now_s = time.monotonic()
-            if now_s - self._reported_at_s >= PROGRESS_INTERVAL_S:
-                self._reported_at_s = now_s
-                self._page.tabs.tell(None, progress)
-
         def progress(share: float, text: str) -> None:
             if self._running is not running:
                 raise CancelledError
-            self._page.executor.on_page(lambda: note(Progress(share=share, text=text)))
+            self._report(share, text, lambda: self._running is running)
 
         def make() -> Answer:
             progress(0.0, "Starting")
@@ -600,6 +594,16 @@ class SessionWork:
 
     # --- the threads of the computations ---------------------------------------------------------
 
+    def _report(self, share: float, text: str, is_wanted: Callable[[], bool]) -> None:
+        """Tell the tabs how far a computation is."""
+
+        def note() -> None:
+            if is_wanted():
+                self.progress = Progress(share=share, text=text)
+                self._page.report(text)
+
+        self._page.executor.on_page(note)
+
     def _computed(
         self, state: SessionState, request: Request, progress: Callable[[float, str], None]
     ) -> Answer:
@@ -612,8 +616,25 @@ class SessionWork:
 
     def _draw(self, document: Document) -> Picture:
         wait_until_compiled(first=self._is_first(document))
+        if self._made is None:
+            self._open(document)
         self._made = self._drawn(document)
         return self._made
+
+    def _open(self, document: Document) -> None:
+        """Prepare the views of a session that was decided before, and tell how far that is."""
+        integration, views = self._page.integration, sorted(document.used_views)
+        if len(views) < 2:
+            return
+
+        def report(share: float, text: str) -> None:
+            self._report(share, text, lambda: self._asked is document)
+
+        integration.views.segment(document.strokes, report)
+        for n, view in enumerate(reversed(views), start=1):  # another thread may have begun with the first
+            report((n - 1) / (2 * len(views)), f"opening view {n} of {len(views)}")
+            integration.algorithm.why_unusable(view)
+        report(0.5, f"joining {len(views)} views")
 
     def _is_first(self, document: Document) -> bool:
         # To find the sides of a recording without masks takes more kernels.

@@ -28,9 +28,8 @@ from flatcloth.session.journal import SheetSide
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.answers import ItemBox, StrokeAdvice
 from flatcloth.viewer.protocol.picture import Picture, place_in_view
-from flatcloth.viewer.protocol.state import SidesInfo
+from flatcloth.viewer.protocol.sent import ItemBox, SidesInfo, StrokeAdvice
 
 _log = logging.getLogger(__name__)
 

@@ -1,28 +1,23 @@
 """Serves the stages of :mod:`flatcloth.engine.teaching`; the work is cancelled when the client leaves.
 
-An answer is a sequence of records: the length of a JSON text and of a body (two uint32, little
-endian), the text, the body. ``progress`` records come first; the last record is the lesson, whose
-arrays and pictures are parts of its body, or an ``error``.
+An answer is a parcel: JSON with arrays and pictures. How far it is, the state of the page tells.
 """
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from dataclasses import astuple, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 from starlette.requests import Request
-from starlette.responses import Response, StreamingResponse
+from starlette.responses import Response
 
 from flatcloth.checking.check import CheckLesson, check_lesson
 from flatcloth.core.decoding import Finite, MisfitError, fitted
-from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.parcel import Parcel, record
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import MIRROR, FlattenedView, Int32, Progress, RotationAxis, Uint8
 from flatcloth.engine.sheet import outline_loops
 from flatcloth.engine.teaching import (
@@ -46,12 +41,14 @@ from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.evidence import mistaken
 from flatcloth.rendering.pictures import grid_of
-from flatcloth.validation.markers import KitTruth
-from flatcloth.viewer.http import RefusedError
+from flatcloth.viewer.http import GONE, RefusedError, made_for
 from flatcloth.viewer.modes.controller import PageController
+from flatcloth.viewer.protocol import sent
 from flatcloth.viewer.protocol.picture import OtherSheet, truth_of
 from flatcloth.viewer.protocol.sent import parcel_of
-from flatcloth.viewer.worker import attempt
+
+if TYPE_CHECKING:
+    from flatcloth.validation.markers import KitTruth
 
 CM2 = 1e4
 """Square centimetres in a square metre."""
@@ -408,9 +405,6 @@ SLIDERS: dict[str, dict[str, float]] = {
 }
 """The sliders of the page; the valid range is checked by the parameters themselves."""
 
-Tell = Callable[[bytes, bool], None]
-"""Called from any thread with a record, and whether it is the last one."""
-
 
 class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The query of an address; without a parameter, that of the session is taken.
@@ -446,12 +440,23 @@ class TeachingRoutes:
         part = request.path_params["part"]
         if part not in PARTS:
             raise RefusedError(f"Unknown part {part!r:.40}; choose one of {', '.join(PARTS)}.", 404)
-        asked = self._asked(dict(request.query_params))
-        return StreamingResponse(
-            self._records(part, asked),
-            media_type="application/octet-stream",
-            headers={"Cache-Control": "no-store"},
-        )
+        asked, page = self._asked(dict(request.query_params)), self._page
+
+        def make(check: Callable[[], None]) -> bytes:
+            def progress(share: float, text: str) -> None:
+                check()
+                page.executor.on_page(lambda: page.tell_lesson(sent.Progress(share=share, text=text)))
+
+            progress(0.0, "Starting")
+            return self._lesson(part, asked, progress)
+
+        try:
+            made = await made_for(request, page.executor, "teaching", make, "computing")
+        finally:
+            page.executor.on_page(lambda: page.tell_lesson(None))
+        if made is None:
+            return GONE
+        return Response(made, media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
 
     def _asked(self, query: dict[str, str]) -> Asked:
         """Read the parameters of an address.
@@ -470,41 +475,6 @@ class TeachingRoutes:
             reason = f"the recording has {n_views} views, none numbered {asked.start_view}."
             raise RefusedError(f"start_view: {reason}", 400)
         return asked
-
-    async def _records(self, part: str, asked: Asked) -> AsyncIterator[bytes]:
-        """Yield records as they are made, until the last one or until the client leaves."""
-        loop, records = asyncio.get_running_loop(), asyncio.Queue[tuple[bytes, bool]]()
-        cancelled = threading.Event()
-
-        def tell(data: bytes, last: bool) -> None:
-            if not loop.is_closed():
-                loop.call_soon_threadsafe(records.put_nowait, (data, last))
-
-        self._compute(part, asked, tell, cancelled)
-        try:
-            last = False
-            while not last:
-                data, last = await records.get()
-                yield data
-        finally:
-            cancelled.set()
-
-    def _compute(self, part: str, asked: Asked, tell: Tell, cancelled: threading.Event) -> None:
-        def progress(share: float, text: str) -> None:
-            if cancelled.is_set():
-                raise CancelledError
-            tell(record({"kind": "progress", "share": share, "text": text}), False)
-
-        def make() -> bytes:
-            progress(0.0, "Starting")
-            return self._lesson(part, asked, progress)
-
-        def job() -> None:
-            with contextlib.suppress(CancelledError):
-                made = attempt(make, "computing")
-                tell(record({"kind": "error", "text": made}) if isinstance(made, str) else made, True)
-
-        self._page.executor.put("teaching", job)
 
     def _lesson(self, part: str, asked: Asked, progress: Progress) -> bytes:
         if self._teaching is None or self._teaching.views != len(self._page.integration.recording):

@@ -20,7 +20,7 @@ from flatcloth.session.machine import (
     Undo,
     why_illegal,
 )
-from flatcloth.viewer.protocol.sent import Sent, table
+from flatcloth.viewer.protocol import Sent, table
 
 REJECT_REASONS = ("too small", "wrong place", "bad depth", "wrong side", "other")
 """Reasons in the reject menu."""

@@ -25,11 +25,9 @@ from flatcloth.grasping.grasps import (
 from flatcloth.grasping.grips import GripStore, grip_numbers
 from flatcloth.session.journal import Pick, PickDeleted, PickRenamed, SheetSide
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.protocol.answers import RayAnswer
 from flatcloth.viewer.protocol.messages import HoverRay, SetGrip
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import UV, typed
-from flatcloth.viewer.protocol.state import ListedPick, PickInfo
+from flatcloth.viewer.protocol.sent import UV, ListedPick, PickInfo, RayAnswer, typed
 
 TOO_FAR_M = 0.030
 """A click in 3D farther than this from the shape picks nothing; a nearer one picks its nearest point."""

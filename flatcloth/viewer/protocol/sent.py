@@ -1,19 +1,30 @@
-"""What is sent to the page: the base of all structs, and the small ones that several messages contain.
+"""What is sent to the page: its state, the answers to questions, events.
 
-Numbers that may be unknown are ``float | None``; NaN is sent as ``null``, too.
+A new tab receives the whole state, then after each change the fields that differ. Numbers that may be unknown
+are ``float | None``; NaN is sent as ``null``, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any, Literal, TypeVar
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from flatcloth.core.decoding import converted
 from flatcloth.core.parcel import Parcel
+from flatcloth.core.types import Rigid2
+from flatcloth.engine.diagnostics import Reasons
+from flatcloth.engine.joints import Place
+from flatcloth.engine.result import Result
 from flatcloth.rendering import layers
+from flatcloth.session.journal import SheetSide
+from flatcloth.session.machine import Request
+from flatcloth.viewer.protocol import Sent
+from flatcloth.viewer.protocol.actions import Action
+from flatcloth.viewer.protocol.settings import Setting, Settings
 
 UV = tuple[float, float]
 """A place (u, v) on the flattened plane, in metres."""
@@ -29,10 +40,6 @@ NoteLevel = Literal["info", "warning", "error"]
 T = TypeVar("T")
 
 
-class Sent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The base of everything that is sent to the page."""
-
-
 class Note(Sent, tag_field="type", tag="note", frozen=True):
     """A notification for the operator; ``time_s`` counts from the epoch."""
 
@@ -42,7 +49,7 @@ class Note(Sent, tag_field="type", tag="note", frozen=True):
     time_s: float
 
 
-class Progress(Sent, tag_field="type", tag="progress", frozen=True):
+class Progress(Sent, frozen=True):
     """How much of a computation is done, of 1, and what it does."""
 
     share: float
@@ -83,12 +90,6 @@ class Motion(Sent, frozen=True):
     theta_deg: float
     u_mm: float
     v_mm: float
-
-
-def table(text: str) -> Iterator[list[str]]:
-    """Yield the cells of a table whose columns are separated by " | "; an indented line goes on."""
-    for row in text.replace("\n    ", " ").strip().splitlines():
-        yield row.split(" | ")
 
 
 def typed(values: Any, kind: type[T]) -> T:
@@ -155,3 +156,676 @@ class ActiveStatus(Sent, frozen=True):
     turns_itself: bool
     is_simulated: bool
     steps: tuple[ActiveStep, ...]
+
+
+ViewState = Literal["unused", "start", "pending", "accepted", "fixed", "later", "rejected", "skipped"]
+
+
+class RecordingInfo(Sent, frozen=True):
+    """The recording that is open."""
+
+    name: str
+    description: str
+    n_views: int
+
+
+class ViewRow(Sent, frozen=True):
+    """A view on the timeline: what was decided about it, and what it added to the shape."""
+
+    index: int
+    angle_deg: float
+    state: ViewState
+    detail: str = ""
+    score: float | None = None
+    follows: int = 0
+    why_not: str | None = None
+    why_not_reopen: str | None = None
+    flagged: bool = False
+    order: int | None = None
+    added_cm2: float | None = None
+    flags: tuple[str, ...] = ()
+
+
+class ReviewInfo(Sent, frozen=True):
+    """``token`` changes when the pictures of the views do; ``flags`` are the texts of the views' flags."""
+
+    token: str
+    flags: dict[str, str]
+
+
+class OverlayInfo(Grid, frozen=True):
+    """Where the proposal lies; ``placement`` maps its own plane to the shape's."""
+
+    revision: int
+    view_index: int
+    center_uv_m: UV
+    differences: dict[str, Legend]
+    placement: Rigid2
+
+
+class FloatingPiece(Sent, frozen=True):
+    """A piece that is not joined to the shape yet; ``grid`` is its place on the sheet."""
+
+    label: str
+    file: str
+    area_cm2: float
+    reason: str
+    views: tuple[int, ...]
+    color: str
+    placed: bool
+    grid: Grid
+
+
+class Layers(Grid, frozen=True):
+    """The pictures of the shape; ``revision`` is part of their addresses."""
+
+    revision: int
+    area_cm2: float
+    pieces: tuple[FloatingPiece, ...]
+    legends: dict[str, Legend]
+    overlay: OverlayInfo | None
+
+
+class GarmentPointInfo(Sent, frozen=True):
+    """A named point of the garment; ``xyz_m`` is None if no view saw its cloth."""
+
+    name: str
+    uv_m: UV
+    std_mm: float
+    seen: bool
+    held: bool
+    xyz_m: Direction | None
+
+
+class Dimension(Sent, frozen=True):
+    """A dimension of the garment and its standard deviation."""
+
+    name: str
+    mm: float
+    std_mm: float
+
+
+class GarmentPiece(Sent, frozen=True):
+    """A floating piece that the garment has a place for, and its outline there."""
+
+    label: str
+    probability: float
+    std_mm: float
+    sure: bool
+    state: Literal["placed", "refused", "proposed"]
+    outline_uv_m: list[list[UV]]
+
+
+class FoundGarment(Sent, frozen=True):
+    """The garment: its kind (None: of no known kind), dimensions, outline and named points.
+
+    ``doubted``: nothing of the shape is reliable until the kind is set.
+    """
+
+    kind: str | None
+    likeliest: str
+    by_hand: bool
+    doubted: bool
+    probabilities: list[tuple[str, float]]
+    dimensions: list[Dimension]
+    outline_uv_m: list[UV]
+    points: list[GarmentPointInfo]
+    upright_rad: float
+    pieces: list[GarmentPiece]
+
+
+class SeamInfo(Sent, frozen=True):
+    """A seam between a piece of this side and one of the other; ``why`` says why it does not join them.
+
+    Pieces by their letters; ``residual_mm`` are the median and the 90 % quantile of the places' residuals.
+    """
+
+    this_piece: str
+    other_piece: str
+    length_mm: float
+    places: int
+    residual_mm: tuple[float, float]
+    this_views: tuple[int, ...]
+    other_views: tuple[int, ...]
+    why: str
+    decided: Literal["cut", "keep"] | None
+
+
+class SeamPlaces(Sent, frozen=True):
+    """Where a seam lies on the sheets of both sides, in space, and how far apart its motion leaves it."""
+
+    this_uv_m: list[UV]
+    other_uv_m: list[UV]
+    xyz_m: list[XYZ]
+    residual_mm: list[float]
+
+
+class SidePlaces(Sent, frozen=True):
+    """The outlines of both sides, each on its own plane, and the places of all seams."""
+
+    this_outline_uv_m: list[list[UV]]
+    other_outline_uv_m: list[list[UV]]
+    seams: list[SeamPlaces]
+
+
+class GarmentInfo(Sent, frozen=True):
+    """What is known of the garment; ``revision`` grows with each answer, ``text`` says why there is none."""
+
+    revision: int
+    working: bool
+    text: str
+    kinds: tuple[str, ...]
+    found: FoundGarment | None
+
+
+class OtherSideInfo(Sent, frozen=True):
+    """The other side of the item; ``layers`` None: it is not computed, ``text`` says why.
+
+    ``revision`` grows with each result; ``is_related``: a place (u, v) of its plane is (-u, v) on that of
+    this side. While ``working``, what is shown may belong to the shape before.
+    """
+
+    revision: int
+    working: bool
+    progress: Progress | None
+    text: str
+    layers: Layers | None = None
+    is_related: bool = False
+    seams: tuple[SeamInfo, ...] = ()
+    reliable_share: float | None = None
+
+
+class PendingPart(Sent, frozen=True):
+    """A connected part of the proposed view; ``waits``: the method found no place for it."""
+
+    component: int
+    area_cm2: float
+    waits: bool
+    chosen: bool
+
+
+class PlacedPartInfo(Sent, frozen=True):
+    """A further component that is placed with the proposal: its area, and a place on the sheet.
+
+    The place is in the middle of the cloth that it alone adds, if there is any.
+    """
+
+    view_index: int
+    component: int
+    area_cm2: float
+    place_uv_m: UV
+
+
+class JoinedPieceInfo(Sent, frozen=True):
+    """The floating piece that the proposal joins to the shape, and its motion on the sheet."""
+
+    label: str
+    placement: Rigid2
+
+
+class Foreseen(Sent, frozen=True):
+    """What accepting the proposal would add, and join.
+
+    By the shape with the view beside that without it: how far cloth moves (nine tenths of it less), and the
+    share of the view's pairs that the others contradict; None if the method does not know.
+    """
+
+    added_cm2: float
+    joins: tuple[str, ...]
+    moved_mm: float | None = None
+    contradicted: float | None = None
+
+
+class Check(Sent, frozen=True):
+    """A check of the proposal; ``passed`` is None if the common cloth does not decide it."""
+
+    name: str
+    title: str
+    value: float | None
+    limit: float
+    unit: str
+    passed: bool | None
+    place_uv_m: UV | None
+
+
+class GhostInfo(Sent, frozen=True):
+    """Where a piece placed by hand would lie by the garment, or by seams, with its deviation there."""
+
+    source: Literal["garment", "seams"]
+    placement: Rigid2
+    std_mm: float
+
+
+class PendingInfo(Sent, frozen=True):
+    """The proposal. What the method computes with it has a default while it is being drawn.
+
+    ``joins`` is of a proposal that was moved by hand: whether its cloth belongs to the shape if it is
+    accepted there; None: not known yet.
+    """
+
+    view_index: int
+    side: str | None
+    score: float | None
+    why: str
+    again: bool
+    nudge: Motion
+    pieces: tuple[PendingPart, ...] = ()
+    also: tuple[PlacedPartInfo, ...] = ()
+    extends: str | None = None
+    brings: JoinedPieceInfo | None = None
+    foreseen: Foreseen | None = None
+    checks: tuple[Check, ...] = ()
+    ghosts: tuple[GhostInfo, ...] = ()
+    joins: bool | None = None
+
+
+class GripInfo(Sent, frozen=True):
+    """How a pick is gripped; ``axis_deg`` is its axis on the plane, ``gripper_m`` lines that draw it."""
+
+    axis_from: str
+    axis_deg: float | None
+    axis_uv: tuple[float, float] | None
+    axis_held: XYZ
+    approach_held: XYZ
+    opening_m: float
+    gripper_m: tuple[tuple[XYZ, XYZ], ...]
+    outline_distance_m: float | None
+    position_std_m: float | None
+    normal_std_deg: float | None
+    axis_std_deg: float | None
+    placement_std_m: float | None
+
+
+class PickInfo(Sent, frozen=True):
+    """All numbers of the current pick; its pixel and its place are those of its ``side`` of the item."""
+
+    id: int
+    name: str
+    side: SheetSide
+    rc: RC
+    uv_m: UV
+    in_shape: bool
+    position_held_m: XYZ
+    position_camera_m: XYZ
+    normal_held: Direction
+    normal_camera: Direction
+    angle_deg: float
+    z_angle_deg: float | None
+    view_index: int
+    source_rc: tuple[float | None, float | None]
+    miss_m: float
+    grip: GripInfo | None
+
+
+class ListedPick(Sent, frozen=True):
+    """A pick of the list; ``uv_m`` on the plane of its ``side``, None if that does not contain it.
+
+    One that is not ``kept`` goes with the next click.
+    """
+
+    id: int
+    name: str
+    side: SheetSide
+    view_index: int
+    position_held_m: XYZ
+    uv_m: UV | None
+    kept: bool
+
+
+class AxisInfo(Sent, frozen=True):
+    """The turning axis as the camera of view 0 sees it; ``estimated``: it is not the recorded one."""
+
+    right_m: float
+    away_m: float
+    lean_right_deg: float
+    lean_away_deg: float
+    estimated: bool
+
+
+class SidesInfo(Sent, frozen=True):
+    """What is known of the side of interest; ``revision`` grows with every change of the labels."""
+
+    revision: int
+    token: str
+    text: str
+    n_strokes: int = 0
+    certainty: float | None = None
+    undecided_cm2: float | None = None
+    conflicts: tuple[str, ...] = ()
+    pixels_per_m: float = 0.0
+
+
+class AutoInfo(Sent, frozen=True):
+    """Whether Auto decides; ``waits_for`` the operator, if it does; ``ended`` by choice, and why.
+
+    ``until`` says when it ends.
+    """
+
+    running: bool = False
+    waits_for: str = ""
+    ended: str = ""
+    until: str = ""
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it changes the shape by itself."""
+        return self.running and not self.waits_for
+
+
+class CapturedView(Sent, frozen=True):
+    """The view that was captured last."""
+
+    number: int
+    angle_deg: float
+    frames: int
+    noise_mm: float
+    warnings: tuple[str, ...]
+
+
+class CaptureStatus(Sent, frozen=True):
+    """The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed.
+
+    ``playing``: its newest frame is shown; otherwise one frame is held.
+    """
+
+    camera: str
+    camera_fps: float
+    playing: bool
+    ended: str | None
+    warnings: tuple[str, ...]
+    folder: str
+    phase: str
+    why_not: dict[str, str | None]
+    step_deg: float
+    hold_s: float
+    frames: int
+    target_deg: float
+    turn_by_deg: float
+    taken: int
+    still_s: float
+    speed_px_s: float | None
+    announced: bool
+    kept_deg: tuple[float, ...]
+    view: CapturedView | None
+
+
+class PageState(Sent, tag_field="type", tag="state", frozen=True):
+    """The state of the page: what the mode does not have is None, or the default.
+
+    A tab is sent the fields that differ from those that it was sent before.
+    """
+
+    revision: int
+    mode: Literal["session", "camera"]
+    phase: str
+    method: str
+    recording: RecordingInfo
+    notes: tuple[str, ...]
+    auto: AutoInfo
+    layers: Layers | None
+    pick: PickInfo | None
+    picks: tuple[ListedPick, ...]
+    lesson: Progress | None
+    log: tuple[Note, ...]
+    settings: Settings
+    settings_rows: tuple[Setting, ...]
+    present_view: int | None
+    angle_deg: float | None
+    views: tuple[ViewRow, ...]
+    actions: tuple[Action, ...]
+    reject_reasons: tuple[str, ...]
+    step: int = 0
+    start_view: int | None = None
+    finished: str | None = None
+    undo: str | None = None
+    redo: str | None = None
+    n_later: int = 0
+    request: Request | None = None
+    progress: Progress | None = None
+    pending: PendingInfo | None = None
+    drawing: bool = False
+    trouble: str = ""
+    review: ReviewInfo | None = None
+    sides: SidesInfo | None = None
+    garment: GarmentInfo | None = None
+    axis: AxisInfo | None = None
+    other: OtherSideInfo | None = None
+    capture: CaptureStatus | None = None
+    active: ActiveStatus | None = None
+
+
+Rgb = tuple[
+    Annotated[int, Meta(ge=0, le=255)], Annotated[int, Meta(ge=0, le=255)], Annotated[int, Meta(ge=0, le=255)]
+]
+Pixel = tuple[float | None, float | None]
+"""A pixel (row, col) of a source image."""
+
+
+class PixelValues(Sent, frozen=True):
+    """All values of a pixel of the flattened view.
+
+    ``z_angle_deg`` is the Z-angle at which its view saw it, ``z_angle_now_deg`` that at the shown rotation,
+    which can be compared between views.
+    """
+
+    rc: RC
+    uv_mm: tuple[float, float]
+    rgb: Rgb
+    xyz_mm: XYZ
+    height_mm: float
+    normal: Direction
+    z_angle_deg: float | None
+    z_angle_now_deg: float | None
+    view_index: int
+    source_rc: Pixel
+    density_px_cm2: float | None
+    incidence_deg: float | None
+    stretch: float | None
+    placement_std_mm: float | None
+    error_mm: float | None
+
+
+class SourcePlace(Sent, frozen=True):
+    """A pixel of the source image of a view."""
+
+    view_index: int
+    rc: Pixel
+
+
+class HoverAnswer(Sent, tag_field="type", tag="hover", frozen=True):
+    """The values under the pointer, of the shape and of the proposal, and the place in a source image."""
+
+    id: int
+    shape: PixelValues | None
+    proposal: PixelValues | None
+    source: SourcePlace | None
+
+
+class RayAnswer(Sent, tag_field="type", tag="hover_ray", frozen=True):
+    """What a ray of the 3D scene hits first, and where that lies on the plane of a side; None: nothing."""
+
+    id: int
+    xyz_m: XYZ | None = None
+    uv_m: UV | None = None
+    sheet: SheetSide = "this"
+
+
+class Picked(Sent, tag_field="type", tag="picked", frozen=True):
+    """A new pick is stored, on a side of the item and its plane; its numbers follow with the state."""
+
+    id: int
+    position_held_m: XYZ
+    side: SheetSide
+    uv_m: UV
+
+
+class Measured(Sent, tag_field="type", tag="measured", frozen=True):
+    """A distance: on the plane, along the cloth and through the air. ``path_uv_m`` follows the cloth."""
+
+    id: int
+    flat_mm: float
+    cloth_mm: float | None
+    air_mm: float | None
+    path_uv_m: list[UV]
+
+
+class PreviewAnswer(Sent, tag_field="type", tag="preview", frozen=True):
+    """The score of a moved proposal, and that after refinement; ``why`` says why there is none."""
+
+    id: int
+    why: str = ""
+    score: float | None = None
+    apart_mm: float | None = None
+    refined_score: float | None = None
+    refined_apart_mm: float | None = None
+
+
+class PairsAnswer(Sent, tag_field="type", tag="pairs", frozen=True):
+    """The residuals of pairs of points, before and after the motion that fits them."""
+
+    residual_mm: list[float]
+    fitted_mm: list[float]
+    rms_mm: float
+
+
+class GarmentPreview(Sent, tag_field="type", tag="garment_preview", frozen=True):
+    """The outline and the named points of the garment while a point is dragged."""
+
+    id: int
+    outline_uv_m: list[UV]
+    points: list[GarmentPointInfo]
+
+
+class StrokeAdvice(Sent, tag_field="type", tag="where_to_stroke", frozen=True):
+    """The view and the pixel where the next stroke settles most; None: nowhere, ``text`` says why."""
+
+    view_index: int | None
+    rc: tuple[float, float] | None
+    text: str
+    number: int = 0
+
+
+class Switched(Sent, tag_field="type", tag="switched", frozen=True):
+    """Another recording was opened; the tab connects again."""
+
+
+class SeenView(Sent, frozen=True):
+    """A view that saw a pick: the pixel, and the image around it as a data URL."""
+
+    view_index: int
+    angle_deg: float
+    rc: tuple[float, float]
+    thumb: str
+
+
+class SeenViews(Sent, frozen=True):
+    """The views that saw a pick, and how many of the others did not, by the reason."""
+
+    seen: list[SeenView]
+    n_views: int
+    hidden: dict[str, int]
+
+
+class HeldByView(Sent, frozen=True):
+    """A view that joins a part to the rest: pairs, median and ninth decile of residuals, and their pixels."""
+
+    view_index: int
+    angle_deg: float
+    pairs: int
+    residual_mm: tuple[float, float]
+    rc: list[UV]
+
+
+class JointInfo(Sent, frozen=True):
+    """Where a part of the shape is joined to the rest, and what holds it.
+
+    ``evidence`` is that of the pairs across, ``probability`` that it is right; ``weak``: much may be wrong.
+    ``ends_uv_m`` are the ends of pairs, that of the part first, with their lengths along the cloth.
+    """
+
+    area_cm2: float
+    evidence: float
+    weak: bool
+    probability: float
+    kept: bool
+    outline_uv_m: list[list[UV]]
+    ends_uv_m: list[tuple[UV, UV]]
+    length_m: list[float]
+    seam_xyz_m: list[XYZ]
+    part_xyz_m: list[XYZ]
+    views: list[HeldByView]
+    places: tuple[Place, ...]
+
+
+class JointsInfo(Sent, frozen=True):
+    """The answer of ``/joints/REVISION.json``: the weakest joints first; ``trouble`` if there are none."""
+
+    revision: int
+    trouble: str = ""
+    joints: list[JointInfo] = msgspec.field(default_factory=list)
+
+
+class ResultInfo(Sent, frozen=True):
+    """The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed."""
+
+    revision: int
+    trouble: str = ""
+    result: Result | None = None
+
+
+class ShownPairs(Sent, frozen=True):
+    """Pairs of the same cloth, evenly chosen, and the statistics of all pairs."""
+
+    total: int
+    median_mm: float
+    nine_tenths_mm: float
+    beyond_share: float
+    limit_mm: float
+    apart_median_mm: float
+    shape_uv_m: list[UV]
+    placed_uv_m: list[UV]
+    shape_xyz_m: list[XYZ]
+    new_xyz_m: list[XYZ]
+    residual_mm: list[float]
+    apart_mm: list[float]
+
+
+class DiagnosticsInfo(Sent, frozen=True):
+    """What speaks for and against a proposal."""
+
+    reasons: Reasons
+    pairs: ShownPairs | None
+
+
+class FrameInfo(Sent, frozen=True):
+    """A frame of a camera; its picture follows in the same answer, unless ``grid`` is None."""
+
+    sequence: int
+    reason: str
+    grid: Grid | None = None
+    legend: Legend | None = None
+    pick_uv_m: UV | None = None
+
+
+class ItemBox(Sent, frozen=True):
+    """The part of an image that shows the item, pixels, also where its side is not decided."""
+
+    top: int
+    left: int
+    height: int
+    width: int
+
+
+ServerMessage = (
+    PageState
+    | Note
+    | HoverAnswer
+    | RayAnswer
+    | Picked
+    | Measured
+    | PreviewAnswer
+    | PairsAnswer
+    | GarmentPreview
+    | StrokeAdvice
+    | Switched
+)

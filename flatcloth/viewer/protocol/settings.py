@@ -16,7 +16,7 @@ from msgspec import Meta, structs
 from flatcloth.core.decoding import MisfitError, fitted
 from flatcloth.core.errors import FlatclothError
 from flatcloth.session.kept import read_kept, write_kept
-from flatcloth.viewer.protocol.sent import Sent, table
+from flatcloth.viewer.protocol import Sent, table
 
 FILE = "settings.json"
 FORMAT = "flatcloth-settings/1"

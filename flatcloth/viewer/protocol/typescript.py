@@ -14,7 +14,8 @@ import numpy as np
 from msgspec import NODEFAULT, inspect
 
 from flatcloth.core.resources import static_folder
-from flatcloth.viewer.protocol.answers import (
+from flatcloth.viewer.protocol.messages import KINDS
+from flatcloth.viewer.protocol.sent import (
     DiagnosticsInfo,
     FrameInfo,
     ItemBox,
@@ -22,9 +23,8 @@ from flatcloth.viewer.protocol.answers import (
     ResultInfo,
     SeenViews,
     ServerMessage,
+    SidePlaces,
 )
-from flatcloth.viewer.protocol.messages import KINDS
-from flatcloth.viewer.protocol.state import SidePlaces
 
 _ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews, ItemBox, SidePlaces, JointsInfo)
 """Sent as a binary message, or as the answer of a route."""

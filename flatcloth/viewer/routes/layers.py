@@ -31,8 +31,8 @@ from flatcloth.rendering.pictures import jpeg
 from flatcloth.rendering.sides import state_legend, state_rgba
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.protocol.answers import SeenView, SeenViews
 from flatcloth.viewer.protocol.picture import place_in_view
+from flatcloth.viewer.protocol.sent import SeenView, SeenViews
 
 PICTURES_KEPT = 12
 """Pictures that are kept. Chosen: all layers of one state."""

@@ -18,7 +18,6 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import flatcloth
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.garment import KnownGarment
 from flatcloth.export.garment import garment_document
 from flatcloth.garments.recognition import NONE
@@ -81,12 +80,10 @@ class RobotAnswers:
     ----------
     page : PageController
         The page.
-    base_from_camera : Rigid3, optional
-        The hand-eye transform; with it, poses are also given in the frame of the robot.
     """
 
-    def __init__(self, page: PageController, base_from_camera: Rigid3 | None = None) -> None:
-        self.page, self.base_from_camera = page, base_from_camera
+    def __init__(self, page: PageController) -> None:
+        self.page = page
         self._lock = threading.Lock()
         self._made_of: tuple[Any, ...] = ()
         self._kept: dict[float | None, Present] = {}
@@ -109,7 +106,7 @@ class RobotAnswers:
     def grasps(self, rotation_deg: float | None = None) -> dict[str, Any]:
         """Return the document of ``grasps.json`` at a rotation, by default that of the shown view."""
         self.picture()  # refused while nothing is flattened
-        return self.page.grasps(self.base_from_camera, rotation_deg=rotation_deg)
+        return self.page.grasps(rotation_deg)
 
     def propose(self, pick: ProposedPick, rotation_deg: float | None = None) -> dict[str, Any]:
         """Add the pick that a robot proposes, and return its grasp.
@@ -163,9 +160,7 @@ class RobotAnswers:
         canonical = None if picture.sheet is None else picture.sheet.canonical
         if known is not None and (canonical is None or not known.is_of(canonical)):
             known = None
-        grasps = self.page.grasps(
-            self.base_from_camera, with_garment=known is not None, rotation_deg=rotation_deg
-        )
+        grasps = self.page.grasps(rotation_deg, with_garment=known is not None)
         return Present(
             picture=picture,
             shape=self._shape_of(picture, document),

@@ -271,7 +271,8 @@ class RosBridge:
         return [encoded(self._published(name, present)).decode() for name in changed]
 
     def _published(self, name: str, present: Present) -> dict[str, Any]:
-        axis, base = self._answers.page.integration.axis, self._answers.base_from_camera
+        page = self._answers.page
+        axis, base = page.integration.axis, page.base_from_camera
         message = TOPICS[name].make(present, frame_of(axis, base, present))
         return {"op": "publish", "topic": name, "msg": message}
 

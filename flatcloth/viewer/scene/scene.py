@@ -10,13 +10,13 @@ import math
 import threading
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import viser
 from scipy.spatial import cKDTree
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, ServerError
 from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Floats, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
@@ -26,7 +26,11 @@ from flatcloth.rendering.colormaps import piece_color, view_colors
 from flatcloth.rendering.layers import PLAIN, Appearance
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.settings import Settings
-from flatcloth.viewer.scene.private_viser import PrivateViser
+
+if TYPE_CHECKING:
+    import viser
+
+    from flatcloth.viewer.scene.private_viser import PrivateViser
 
 MOST_POINTS = 60_000
 """More points are thinned. Chosen for the browser's speed."""
@@ -148,6 +152,8 @@ FRAME_MARGIN = 1.15
 class Scene:
     """Owns a viser server that only this process reaches, at ``path``; methods may be called from any thread.
 
+    viser is loaded, and its server begins, when something is shown, or ``path`` is asked for.
+
     Parameters
     ----------
     integration : Integration
@@ -171,15 +177,34 @@ class Scene:
         self._shown: int | None = None  # the present view
         self._view_from: tuple[Float64, Float64, float, float] | None = None
         self._follow = True
-        self._viser = PrivateViser()
-        self._server = self._viser.server
-        self.path = self._viser.path
+        self._viser: PrivateViser | None = None
+        self._is_closed = False
         self.on_ray: Callable[[tuple[float, ...], tuple[float, ...]], None] = lambda _o, _d: None
         self.in_background: Callable[[Callable[[], None]], None] = lambda job: job()
-        self._build(integration)
 
-    def _build(self, integration: Integration) -> None:
-        server, intrinsics = self._server, integration.recording.intrinsics
+    @property
+    def path(self) -> Path:
+        """The socket file of its server."""
+        return self._opened.path
+
+    @property
+    def _server(self) -> viser.ViserServer:
+        return self._opened.server
+
+    @property
+    def _opened(self) -> PrivateViser:
+        from flatcloth.viewer.scene.private_viser import PrivateViser
+
+        with self._lock:
+            if self._viser is None:
+                if self._is_closed:
+                    raise ServerError("The 3D scene is closed.")
+                self._viser = PrivateViser()
+                self._build(self._viser.server)
+            return self._viser
+
+    def _build(self, server: viser.ViserServer) -> None:
+        intrinsics = self._recording.intrinsics
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.scene.set_up_direction("-y")
         self._frustum = server.scene.add_camera_frustum(
@@ -199,13 +224,18 @@ class Scene:
         def _(event: viser.SceneClickEvent) -> None:
             self.on_ray(event.ray_origin, event.ray_direction)
 
+        self._arrange_lines()
+
         @server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
             self._aim(client)
 
     def stop(self) -> None:
         """Close the viser server."""
-        self._viser.stop()
+        with self._lock:
+            self._is_closed, opened = True, self._viser
+        if opened is not None:
+            opened.stop()
 
     def visible_points(self) -> Float32:
         """Return the points (N, 3) of all visible clouds."""
@@ -251,21 +281,26 @@ class Scene:
             PROPOSAL: settings.show_new,
             ALL: settings.show_all,
             "/axis": settings.show_axis,
-            "/camera": settings.show_camera,
-        }
-        with self._lock, self._server.atomic():
-            self._hidden = {node for node, on in wanted.items() if not on}
-            if settings.show_all and ALL not in self._points and self._picture is not None:
-                self._fill(ALL, self._of_all_views())
-            for name, cloud in self._clouds.items():
-                cloud.visible = self._is_visible(name)
             # From where the camera stood, its frustum is a frame around everything.
-            self._frustum.visible = settings.show_camera and not settings.follow
-            self._axis_line.visible = settings.show_axis
+            "/camera": settings.show_camera and not settings.follow,
+        }
+        with self._lock:
+            self._hidden = {node for node, on in wanted.items() if not on}
+            begins, self._follow = settings.follow and not self._follow, settings.follow
+            if self._viser is None:
+                return
+            with self._server.atomic():
+                if settings.show_all and ALL not in self._points and self._picture is not None:
+                    self._fill(ALL, self._of_all_views())
+                for name, cloud in self._clouds.items():
+                    cloud.visible = self._is_visible(name)
+                self._arrange_lines()
         self._server.flush()
-        begins, self._follow = settings.follow and not self._follow, settings.follow
         if begins:
             self._aim_all()
+
+    def _arrange_lines(self) -> None:
+        self._frustum.visible, self._axis_line.visible = (n not in self._hidden for n in ("/camera", "/axis"))
 
     def look_from(self, angle_deg: float) -> None:
         """Let all cameras look from where the real camera stood at an angle, the item in the middle."""

@@ -1,16 +1,17 @@
-"""An active loop served to a robot, without the page."""
+"""An active loop served to a robot, without the page; its results also by the socket (docs/robots.md)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from starlette.applications import Starlette
 
 from flatcloth.active.service import ActiveService
 from flatcloth.viewer.http import REFUSALS
-from flatcloth.viewer.routes.active import active_routes, loop_events
-from flatcloth.viewer.routes.robot import events_route
+from flatcloth.viewer.modes.active import active_routes
+from flatcloth.viewer.protocol.robot import RobotEvent, ShapeChanged
+from flatcloth.viewer.routes.robot import Shown, Told, events_route, news
 from flatcloth.viewer.server.app import serve_app
 from flatcloth.viewer.server.guard import PublicUrl, given_token, own_token
 
@@ -51,3 +52,25 @@ def serve_active(
 
     token = given_token(token_file) or own_token(host, public)
     serve_app(make, host, port, token, "robot/next", ready, public)
+
+
+def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]]:
+    """Return the generator of a loop's events without a page: its shape, and the named points."""
+    loop = service.loop
+
+    def events(told: Told) -> Iterator[RobotEvent]:
+        with loop.lock:
+            shown, document = None, service.document(told.rotation_deg)
+            if document is not None:
+                shape = ShapeChanged(
+                    revision=loop.views,
+                    views=sorted(loop.document.used_views),
+                    area_cm2=round(1e4 * loop.knowledge.area_m2, 1),
+                    rotation_deg=loop.stands_deg,
+                )
+                is_recognised = not isinstance(loop.known, str)
+                kind = loop.knowledge.kind
+                shown = Shown(shape=shape, document=document, is_recognised=is_recognised, kind=kind)
+        yield from news(told, loop.name, shown)
+
+    return events

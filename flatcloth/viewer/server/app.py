@@ -5,7 +5,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import functools
+import gzip
+import hashlib
 import logging
+import mimetypes
 import os
 import socket
 import threading
@@ -15,21 +18,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
+from starlette.staticfiles import NotModifiedResponse, StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from flatcloth.core.errors import ServerError, os_errors_as
 from flatcloth.core.memory import free, return_freed_memory
 from flatcloth.core.resources import static_folder
+from flatcloth.export.page import whole
 from flatcloth.recordings.mending import Mends
 from flatcloth.viewer.http import REFUSALS, page_of
 from flatcloth.viewer.places import Chosen, Places
-from flatcloth.viewer.protocol.answers import Switched
+from flatcloth.viewer.protocol.sent import Switched
 from flatcloth.viewer.routes.start import StartRoutes
-from flatcloth.viewer.server.files import OwnFiles, packed
 from flatcloth.viewer.server.guard import Guard, PublicUrl, is_open, own_names, own_token
 from flatcloth.viewer.server.limits import limited_logs, limited_server
 
@@ -227,7 +232,7 @@ class PageServer:
         if self._opener is None or self._loop is None:
             raise ServerError("This page cannot open anything else; start the program again.")
         before = self._now
-        if chosen.kind == "camera" and before is not None and before.has_camera:
+        if chosen.kind == "camera" and before is not None and before.application.has_camera:
             return
         opened = self._opener(chosen, self.session)
         if opened is None:
@@ -266,7 +271,7 @@ class _Headers:
         await self._app(scope, receive, with_headers)
 
 
-async def _viser_page(request: Request) -> Response:
+def _viser_page(request: Request) -> Response:
     import viser
 
     page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text()
@@ -274,6 +279,40 @@ async def _viser_page(request: Request) -> Response:
     answer = packed(request, page, "text/html")
     answer.headers["X-Frame-Options"] = "SAMEORIGIN"
     return answer
+
+
+_KEPT = 16
+"""Packed files that are kept. Chosen: more than one page has."""
+
+
+class OwnFiles(StaticFiles):
+    """Serves a folder; a module or style sheet comes with all that it imports."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Return a file, or 404."""
+        found, about = await run_in_threadpool(self.lookup_path, path)
+        if about is None or self.directory is None or not path.endswith((".js", ".css")):
+            return await super().get_response(path, scope)
+        folder = Path(self.directory).resolve()
+        text = await run_in_threadpool(whole, folder, Path(found).relative_to(folder).as_posix())
+        return packed(Request(scope), text, mimetypes.guess_type(path)[0] or "text/plain")
+
+
+def packed(request: Request, text: str, media_type: str) -> Response:
+    """Return a text, zipped where the browser takes that; it asks each time whether the text has changed."""
+    data, tag = text.encode(), hashlib.sha256(text.encode()).hexdigest()[:32]
+    headers = {"ETag": f'"{tag}"', "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
+    if request.headers.get("if-none-match") == headers["ETag"]:
+        return NotModifiedResponse(Response(headers=headers).headers)
+    if "gzip" in request.headers.get("accept-encoding", ""):
+        headers["Content-Encoding"] = "gzip"
+        data = _zipped(data)
+    return Response(data, media_type=media_type, headers=headers)
+
+
+@functools.lru_cache(_KEPT)
+def _zipped(data: bytes) -> bytes:
+    return gzip.compress(data, 6, mtime=0)
 
 
 def _workspace_of(opened: Opened) -> Workspace:

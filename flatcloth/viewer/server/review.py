@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
-from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 from starlette.applications import Starlette
@@ -17,110 +14,59 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from flatcloth.batch.report import decide, report_html, view_arguments
+from flatcloth.batch.report import decide, report_html
 from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
+from flatcloth.session.header import read_header
 from flatcloth.viewer.http import REFUSALS, RefusedError, read_json
-from flatcloth.viewer.server.app import serve_app
+from flatcloth.viewer.places import Chosen
+from flatcloth.viewer.server.app import PageServer, serve_app
 from flatcloth.viewer.server.guard import given_token, kept_token
 
+if TYPE_CHECKING:
+    from flatcloth.viewer.server.app import Opener
+
 HOST = "127.0.0.1"
-SESSIONS_OPEN = 2
-"""Largest number of open operator pages: each takes about half a gigabyte."""
-_START_S = 90.0
-"""Time limit for the start of an operator page. Chosen."""
 _MOST_BODY_BYTES = 10_000
 """Largest body of a request. Chosen: far above those of the page."""
-_LAUNCH = "from flatcloth.cli import run_and_exit; run_and_exit()"
 
 
-class SessionPages:
-    """The operator pages opened from a review. Each is a process; the oldest is ended first."""
+class SessionPage:
+    """The operator page in which a review opens sessions, one at a time; ``opener`` as for the page."""
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._open: OrderedDict[str, tuple[subprocess.Popen[str], str]] = OrderedDict()
+    def __init__(self, opener: Opener) -> None:
+        self._opener, self._lock = opener, threading.Lock()
+        self._server: PageServer | None = None
 
-    def address(self, name: str, arguments: list[str]) -> str:
-        """Return the address of a session's page, which is started if it is not open.
+    def address(self, folder: Path) -> str:
+        """Return the address of the page, with the session of a folder open.
 
         Raises
         ------
         FlatclothError
-            If it cannot be started; the text is the output of its process.
+            If it cannot be opened.
         """
+        folder = folder.resolve()
+        header = read_header(folder)
         with self._lock:
-            if name in self._open and self._open[name][0].poll() is None:
-                self._open.move_to_end(name)
-                return self._open[name][1]
-            self._open.pop(name, None)
-            while len(self._open) >= SESSIONS_OPEN:
-                _end(self._open.popitem(last=False)[1][0])
-            process = subprocess.Popen(
-                [sys.executable, "-c", _LAUNCH, "view", *arguments, "--port", "0"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                start_new_session=True,  # Ctrl-C is for this process, which ends it
-            )
-            try:
-                url = _address_said(process)
-            except BaseException:
-                _end(process)
-                raise
-            self._open[name] = process, url
-            return url
+            self._server = self._server or PageServer(port=0, opener=self._opener).start()
+            self._server.open(Chosen("session", header.recording.location, folder, header))
+            return self._server.url
 
     def close(self) -> None:
-        """End all pages; their decisions are stored in the sessions."""
-        with self._lock:
-            for process, _ in self._open.values():
-                _end(process)
-            self._open.clear()
+        """Close the page; the decisions are stored in the sessions."""
+        if self._server is not None:
+            self._server.stop()
 
 
-def _address_said(process: subprocess.Popen[str]) -> str:
-    """Wait until the program prints the address of its page; discard its later output."""
-    said: list[str] = []
-    found: list[str] = []
-    ready = threading.Event()
-
-    def read() -> None:
-        assert process.stdout is not None
-        with process.stdout:
-            for line in process.stdout:
-                if not found:
-                    said.append(line.strip())
-                    found.extend(word for word in line.split() if word.startswith("http://"))
-                    if found:
-                        ready.set()
-        ready.set()
-
-    threading.Thread(target=read, daemon=True).start()
-    ready.wait(_START_S)
-    if not found:
-        raise FlatclothError(" ".join(said[-3:]) or f"The session did not open within {_START_S:g} s.")
-    return found[0]
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    process.terminate()
-    try:
-        process.wait(timeout=10)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-
-
-def review_app(out: Path, pages: SessionPages) -> Starlette:
+def review_app(out: Path, page_of: SessionPage) -> Starlette:
     """Return the server's application: the page, ``verdict`` and ``open``.
 
     Parameters
     ----------
     out : Path
         The folder of a batch.
-    pages : SessionPages
+    page_of : SessionPage
         Opens sessions.
     """
 
@@ -140,7 +86,7 @@ def review_app(out: Path, pages: SessionPages) -> Starlette:
             raise RefusedError("There is no such result; load the page again.", 404)
         if row["outcome"] != "done":
             raise FlatclothError(f"{row['name']} has no session: {row.get('reason') or 'it is not done'}")
-        url = await run_in_threadpool(pages.address, str(row["name"]), view_arguments(row, out))
+        url = await run_in_threadpool(page_of.address, out / str(row["name"]))
         return JSONResponse({"url": url})
 
     return Starlette(
@@ -175,7 +121,7 @@ async def _said(request: Request) -> _Said:
     return await read_json(request, _Said, _MOST_BODY_BYTES)
 
 
-def serve_review(out: Path, port: int, ready: Callable[[str, str], None]) -> None:
+def serve_review(out: Path, port: int, ready: Callable[[str, str], None], opener: Opener) -> None:
     """Serve the page of a batch on this machine until Ctrl-C or SIGTERM; requests need the user's token.
 
     Parameters
@@ -186,16 +132,18 @@ def serve_review(out: Path, port: int, ready: Callable[[str, str], None]) -> Non
         0 for any free one.
     ready : callable
         Called with the address of the page, and the token in it.
+    opener : callable
+        Opens a session for the operator page.
 
     Raises
     ------
     ServerError
         If the port is busy.
     """
-    pages = SessionPages()
+    sessions = SessionPage(opener)
     # Without a token, another user of this computer could open a session, and would get its address.
     token = given_token(None) or kept_token()
     try:
-        serve_app(lambda _end: review_app(out, pages), HOST, port, token, f"?token={token}", ready)
+        serve_app(lambda _end: review_app(out, sessions), HOST, port, token, f"?token={token}", ready)
     finally:
-        pages.close()
+        sessions.close()

@@ -8,13 +8,16 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import websockets
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
-from starlette.routing import BaseRoute, Route, Router, WebSocketRoute
-from starlette.websockets import WebSocket
+from starlette.routing import Route, Router, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+from websockets.asyncio.client import ClientConnection, unix_connect
+from websockets.typing import Subprotocol
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, ServerError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.hand_eye import hand_eye_from
@@ -24,22 +27,17 @@ from flatcloth.recordings.mending import Mends
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.http import RefusedError, read_body, rotation_of
 from flatcloth.viewer.hub import Hub, Tab
-from flatcloth.viewer.modes.active import ActiveApplication
-from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.places import Chosen
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.sent import encoded
-from flatcloth.viewer.routes.active import active_routes
-from flatcloth.viewer.routes.capture import capture_routes
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import check_routes, layer_routes, source_routes
 from flatcloth.viewer.routes.robot import RobotAnswers, robot_routes
 from flatcloth.viewer.routes.rosbridge import RosBridge
 from flatcloth.viewer.scene.scene import Scene
-from flatcloth.viewer.server.relay import relay
 
 MAX_HAND_EYE_BYTES = 65536
 """Limit of a hand-eye file that a page sends. Chosen: it has sixteen numbers."""
@@ -79,13 +77,8 @@ class Workspace:
         controller = opened.controller or partial(Application, opened.integration, opened.folder)
         page: PageController = controller(self.scene, self.hub)
         self.application, self.scene.on_ray = page, page.click_ray
-        self._exports = ExportRoutes(page)
-        own: list[BaseRoute] = []
-        if isinstance(page, CaptureApplication):
-            own = capture_routes(page)
-        if isinstance(page, ActiveApplication):
-            own = active_routes(page.service(opened.base_from_camera))
-        robot = self._robot = RobotAnswers(page, opened.base_from_camera)
+        page.base_from_camera = opened.base_from_camera
+        self.exports, robot = ExportRoutes(page), RobotAnswers(page)
         self.router = Router(
             redirect_slashes=False,  # they would name the host that a proxy has set
             routes=[
@@ -94,15 +87,14 @@ class Workspace:
                 *check_routes(page),
                 Route("/export/grasps.json", self._grasps),
                 Route("/hand-eye", self._take_hand_eye, methods=["POST"]),
-                Route("/export/{name}", self._exports.serve),
+                Route("/export/{name}", self.exports.serve),
                 Route("/teaching/{part}", TeachingRoutes(page).serve),
                 *page.routes(),
-                *own,
                 *robot_routes(robot),
                 WebSocketRoute("/robot/rosbridge", RosBridge(robot).serve),
                 WebSocketRoute("/ws", self._messages),
                 Route("/ws", _no_socket, methods=["GET", "POST"]),
-                WebSocketRoute("/viser", lambda browser: relay(browser, self.scene.path)),
+                WebSocketRoute("/viser", lambda browser: relay(browser, lambda: self.scene.path)),
             ],
         )
 
@@ -115,16 +107,11 @@ class Workspace:
             If it is a camera.
         """
         recording = self.integration.recording
-        if self.has_camera:
+        if self.application.has_camera:
             raise FlatclothError("A camera has no mends; open the recording that was captured.")
         options = SourceOptions.from_dict(source_options(recording), "the session")
         more = (options.mends or Mends()).then(mends)
         return Chosen("folder", recording.location, options=replace(options, mends=more))
-
-    @property
-    def has_camera(self) -> bool:
-        """Whether it shows a camera."""
-        return isinstance(self.application, CaptureApplication)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Start the threads, and serve on this event loop."""
@@ -133,7 +120,6 @@ class Workspace:
 
     def stop(self) -> None:
         """Stop the threads; close the scene and the source."""
-        self._exports.stop()
         self.application.stop()
         self.hub.close()
         self.scene.stop()
@@ -154,15 +140,14 @@ class Workspace:
 
     async def _grasps(self, request: Request) -> Response:
         headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
-        base, rotation_deg = self._robot.base_from_camera, rotation_of(request)
-        grasps = await run_in_threadpool(self.application.grasps, base, rotation_deg=rotation_deg)
+        grasps = await run_in_threadpool(self.application.grasps, rotation_of(request))
         return JSONResponse(grasps, headers=headers)
 
     async def _take_hand_eye(self, request: Request) -> Response:
         """Take the content of a hand-eye file; poses are in the robot's frame from now on, until the end."""
         try:
             data = await read_body(request, MAX_HAND_EYE_BYTES)
-            self._robot.base_from_camera = hand_eye_from(data, Path("hand-eye file"))
+            self.application.base_from_camera = hand_eye_from(data, Path("hand-eye file"))
         except (FlatclothError, ValueError) as error:
             raise RefusedError(str(error), 400) from error
         return JSONResponse({"taken": True})
@@ -176,3 +161,62 @@ async def _no_socket(_request: Request) -> Response:
         status_code=426,
         headers={"Upgrade": "websocket"},
     )
+
+
+# --- viser's socket, through our port -------------------------------------------------------------
+
+
+async def relay(browser: WebSocket, path: Callable[[], Path]) -> None:
+    """Connect a browser's socket with viser's, a socket file, until either closes.
+
+    The sub-protocol (viser's version) is passed on unchanged; nothing is compressed, and viser's
+    messages have no size limit, because point clouds are neither small nor compressible.
+    """
+    wanted = [Subprotocol(p) for p in browser.scope.get("subprotocols", [])]
+    try:
+        viser = await unix_connect(
+            str(await run_in_threadpool(path)),
+            uri="ws://localhost/",
+            subprotocols=wanted or None,
+            compression=None,
+            max_size=None,
+        )
+    except (OSError, ServerError, websockets.WebSocketException):
+        await browser.close(1013, "the 3D scene is not running")
+        return
+    await browser.accept(subprotocol=viser.subprotocol)
+    tasks = [
+        asyncio.create_task(_from_browser(browser, viser)),
+        asyncio.create_task(_from_viser(browser, viser)),
+    ]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await viser.close()
+
+
+async def _from_browser(browser: WebSocket, viser: ClientConnection) -> None:
+    try:
+        while True:
+            message = await browser.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            data = message.get("bytes")
+            await viser.send(message["text"] if data is None else data)
+    except (WebSocketDisconnect, websockets.ConnectionClosed, RuntimeError):
+        return
+
+
+async def _from_viser(browser: WebSocket, viser: ClientConnection) -> None:
+    try:
+        async for data in viser:
+            if isinstance(data, str):
+                await browser.send_text(data)
+            else:
+                await browser.send_bytes(data)
+        await browser.close(1012, "the 3D scene has closed")
+    except (WebSocketDisconnect, websockets.ConnectionClosed, RuntimeError):
+        return
