@@ -95,7 +95,7 @@ def options_of(kind: type[T], parsed: argparse.Namespace) -> T:
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         if parts := field.metadata.get("parts"):
             own = {one.name: getattr(parsed, one.name) for part in parts() for one, _, _ in _options(part)}
-            given[field.name] = {name: value for name, value in own.items() if value not in (None, False)}
+            given[field.name] = {n: v for n, v in own.items() if v is not None and v is not False}
         else:
             value = getattr(parsed, field.name)
             given[field.name] = tuple(value) if isinstance(value, list) else value

@@ -154,7 +154,7 @@ def opened_camera(options: Options, serial: str) -> Opened:
 
     settings = CaptureSettings(
         folder=options.out or Path(f"recording-{datetime.now():%Y%m%d-%H%M%S}"),
-        step_deg=options.source_options().step_deg or 10.0,
+        step_deg=10.0 if (step_deg := options.source_options().step_deg) is None else step_deg,
         frames=capture.FRAMES if options.frames is None else options.frames,
         resume=options.resume,
     )
