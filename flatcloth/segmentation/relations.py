@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
 from flatcloth.core.graphs import components
@@ -95,11 +96,10 @@ def _attraction(
     clusters: Clusters, links: list[Links], config: SegmentationConfig
 ) -> tuple[Int64, Int64, Float64]:
     one, other, facing = _joined(links)
-    a, b = one.astype(np.int64), other.astype(np.int64)
-    key, where = np.unique(np.minimum(a, b) * clusters.count + np.maximum(a, b), return_inverse=True)
     # Evidence does not grow with the number of views; at a steep incidence it is weak.
-    seen = np.bincount(where, facing.astype(np.float64) ** 4, len(key))
-    first, second = key // clusters.count, key % clusters.count
+    each = facing.astype(np.float64) ** 4, (np.minimum(one, other), np.maximum(one, other))
+    joined = coo_matrix(each, shape=(clusters.count, clusters.count)).tocsr().tocoo()
+    first, second, seen = joined.row.astype(np.int64), joined.col.astype(np.int64), joined.data
     chord = clusters.place_m[second] - clusters.place_m[first]
     chord /= np.maximum(np.linalg.norm(chord, axis=1), 1e-9)[:, None]
     turn = ((clusters.normal[first] - clusters.normal[second]) * chord).sum(axis=1)
