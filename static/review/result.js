@@ -75,7 +75,7 @@ export class ResultPanel extends PagePart {
           `Something about this recording is wrong: ${result.wrong.join("; ")}.`,
         ),
       this.sideDoubt(state),
-      this.jointDoubt(result?.wrong.length === 0 && !this.sideDoubt(state)),
+      this.jointDoubt(result?.wrong.length === 0 && !this.sideDoubt(state), reliable),
       values(
         ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
         state.other?.layers && ["Other side", otherSide(state.other), "Cloth of the other side, and what joins it"],
@@ -93,19 +93,19 @@ export class ResultPanel extends PagePart {
   /** Of a recording without masks: how much may be of the wrong side, and what helps. */
   sideDoubt(/** @type {State} */ { sides }) {
     if (typeof sides?.certainty !== "number") return null;
-    const wrong = percent(1 - sides.certainty);
     return make(
       "p.note.warn",
-      `The sides were told without masks: by their own certainty ${wrong} of this cloth is of the wrong side, and it ` +
-        "can be several times as much. Compare the source images, and stroke what is wrong: ",
+      `The sides were told without masks: by their own certainty ${percent(1 - sides.certainty)} of this cloth is ` +
+        "of the wrong side, and it can be several times as much. Compare the source images, and stroke what is wrong: ",
       this.page.smallButton("where_to_stroke"),
     );
   }
 
-  /** What most doubtful cloth hangs on, and the way to look at it; if all else is sure, whether nothing is doubtful. */
-  jointDoubt(/** @type {boolean} */ isSure) {
+  /** What most doubtful cloth hangs on, and the way to look at it; if all else is sure, whether no joint is doubtful. */
+  jointDoubt(/** @type {boolean} */ isSure, /** @type {number} */ reliable = 1) {
     const { doubt } = this.page.joints;
-    if (doubt === "") return isSure && make("p.note", "Nothing is doubtful.");
+    const rest = reliable < 0.9 ? "; the layer Uncertainty shows where places are not sure" : "";
+    if (doubt === "") return isSure && make("p.note", `No joint is doubtful${rest}.`);
     return doubt && make("p.note.warn", `${doubt}: `, this.page.smallButton("joints"));
   }
 

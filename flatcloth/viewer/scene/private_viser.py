@@ -20,7 +20,7 @@ import viser
 import websockets.asyncio.server
 from viser import _messages
 
-from flatcloth.core.errors import ServerError, os_errors_as
+from flatcloth.core.errors import ServerError
 
 _PREFIX = "flatcloth-scene-"
 """Of the folders of socket files; the number of the process follows."""
@@ -63,16 +63,15 @@ class PrivateViser:
     Raises
     ------
     ServerError
-        If there is no folder for the file, or this version of viser listens in an unknown way.
+        If this version of viser listens in an unknown way.
     """
 
     def __init__(self) -> None:
         prefix = f"{_PREFIX}{os.getpid()}-"
-        with os_errors_as(ServerError, "No folder for the scene's socket", "Set TMPDIR to a writable one."):
-            folder = tempfile.mkdtemp(prefix=prefix)  # mode 0700
-            if len(folder) > _MAX_PATH_CHARS:
-                Path(folder).rmdir()
-                folder = tempfile.mkdtemp(prefix=prefix, dir="/tmp")
+        folder = tempfile.mkdtemp(prefix=prefix)  # mode 0700
+        if len(folder) > _MAX_PATH_CHARS:
+            Path(folder).rmdir()
+            folder = tempfile.mkdtemp(prefix=prefix, dir="/tmp")
         for place in {Path(folder).parent, Path(tempfile.gettempdir())}:
             _sweep(place)
         self._folder = Path(folder)
@@ -97,9 +96,7 @@ class PrivateViser:
             server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         if not self.path.is_socket():
             server.stop()
-            raise ServerError(
-                "This version of viser is not supported. Install viser 1.1: pip install 'viser<1.2'."
-            )
+            raise ServerError("This version of viser is not supported. Run pip install 'viser<1.2'.")
         # Clients could open a public tunnel to this computer, or fill its memory with files.
         for unused in (
             _messages.ShareUrlRequest,

@@ -11,6 +11,7 @@ import logging
 import mimetypes
 import os
 import socket
+import tempfile
 import threading
 import weakref
 from collections.abc import AsyncIterator, Callable
@@ -118,6 +119,8 @@ class PageServer:
                     f"Without a token, {public or host} would admit everybody;"
                     " use --host 127.0.0.1, or a token."
                 )
+            with os_errors_as(ServerError, "No folder for the scene", "Set TMPDIR to a writable one."):
+                tempfile.TemporaryFile().close()
             self._socket = failed.enter_context(bind(host, port))
             self._now = None if opened is None else _workspace_of(opened)
             failed.pop_all()
