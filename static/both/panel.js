@@ -23,6 +23,7 @@ export class BothSides extends PagePart {
   other = /** @type {NonNullable<State["other"]> | null} */ (null);
   /** @type {Fetched<SidePlaces>} */
   fetched = new Fetched(askJson, () => {
+    this.canvas.refit();
     this.page.redrawMarks();
     this.page.changed();
   });
@@ -32,6 +33,11 @@ export class BothSides extends PagePart {
   actions = { turn_over: () => this.turnOver(), beside: () => this.toggleBeside(), seams: () => this.toggleSeams() };
   section = byId("both-sides");
   chip = byId("side-chip");
+
+  constructor(/** @type {import("../page/page").Page} */ page) {
+    super(page);
+    page.canvas.around.push(() => this.behind.flat());
+  }
 
   get pressed() {
     return { turn_over: this.canvas.side === "other", beside: this.canvas.beside.wanted, seams: this.showsSeams };
@@ -101,7 +107,6 @@ export class BothSides extends PagePart {
     beside.wanted = !beside.wanted;
     if (beside.wanted) this.turn("this");
     if (beside.wanted) this.isKnown();
-    this.canvas.fitted = true;
     this.page.changed();
     this.canvas.fit();
   }
@@ -292,7 +297,8 @@ export class BothSides extends PagePart {
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { places, other, showsSeams, chosen } = this;
     if (!places || !other || this.page.hasCamera) return;
-    if (other.is_related) this.drawBehind(style, places);
+    const color = style.getPropertyValue("--seam");
+    for (const loop of this.behind) strokeLoop(this.canvas, loop, color, 1.5, { rim: 1, dash: [6, 5] });
     if (!showsSeams) return;
     const seams = other.seams.map(({ why }, n) => ({ at: this.everywhere(n), doubted: Boolean(why) }));
     drawSeams(context, style, seams, chosen);
@@ -303,20 +309,14 @@ export class BothSides extends PagePart {
     return SHEETS.flatMap((sheet) => this.inPane(seam, sheet));
   }
 
-  /**
-   * The outline of each side, through the other one.
-   * @param {Style} style @param {SidePlaces} places
-   */
-  drawBehind(style, places) {
-    const { canvas } = this;
-    const color = style.getPropertyValue("--seam");
-    for (const sheet of SHEETS) {
-      const behind = sheet === "this" ? places.other_outline_uv_m : places.this_outline_uv_m;
-      for (const loop of behind) {
-        const seen = loop.map((uv) => canvas.shownAt(sheet, mirrored(uv))).filter((at) => at !== null);
-        strokeLoop(canvas, seen, color, 1.5, { rim: 1, dash: [6, 5] });
-      }
-    }
+  /** The outline of each sheet behind the other one, where that is shown. */
+  get behind() {
+    const { places, canvas } = this;
+    if (!places || !this.other?.is_related || this.page.hasCamera) return [];
+    return SHEETS.flatMap((sheet) => {
+      const loops = sheet === "this" ? places.other_outline_uv_m : places.this_outline_uv_m;
+      return loops.map((loop) => loop.map((uv) => canvas.shownAt(sheet, mirrored(uv))).filter((at) => at !== null));
+    });
   }
 
   /** @param {Context} context @param {Style} style @param {PlaceInScene} place */

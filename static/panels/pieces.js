@@ -26,7 +26,7 @@ export class PiecesPanel extends PagePart {
   constructor(/** @type {Page} */ page) {
     super(page);
     page.canvas.around.push(() => this.pieces.flatMap(({ placed, grid }) => (placed ? [] : cornersOf(boxOf(grid)))));
-    page.canvas.around.push(() => (this.places.get(this.chosen ?? "")?.outline_uv_m ?? []).flat());
+    page.canvas.around.push(() => [...this.places.values()].flatMap((place) => place.outline_uv_m.flat()));
   }
 
   update(/** @type {State} */ state) {
