@@ -219,7 +219,7 @@ class Comparison:
         if reading is None:
             return 0.0
         careless, stds_m = reading.careless, reading.careless.axis_stds_m
-        grades = [replace(careless, axis_stds_m=stds_m[:n]) for n in range(1, len(stds_m) + 1)]
+        grades = [replace(careless, axis_stds_m=stds) for stds in (stds_m[:1], stds_m)]
         logs = [sum(self.log_odds(replace(reading, careless=grade)).values()) for grade in grades]
         return float(np.logaddexp.reduce(logs)) - math.log(len(grades))
 
