@@ -63,7 +63,7 @@ class Reading:
     """How a recording is read: the recorded angles of its views, and what is done with them.
 
     Angles are multiplied by ``factor``, the images turned clockwise by ``rotate`` degrees (``axis`` is where
-    the item turns without that); ``careless`` are the errors of a recording, of which the largest count.
+    the item turns without that); ``careless`` are errors that it may have; the largest of each kind count.
     """
 
     angles_deg: Mapping[int, float]
@@ -214,7 +214,7 @@ class Comparison:
     def log_likelihood(self, reading: Reading | None) -> float:
         """Return the logarithm of the likelihood of all views; 0 if no two are related.
 
-        The axis is the same for all pairs, and it is not known how exact it is.
+        The axis is exact, or as wrong as in a careless recording: for all pairs alike.
         """
         if reading is None:
             return 0.0

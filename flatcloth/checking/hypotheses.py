@@ -94,7 +94,7 @@ def turnings(comparison: Comparison, right: Hypothesis) -> Iterator[Hypothesis]:
         yield _turning(comparison, replace(recorded, factor=-1.0))
     step, shown = recorded.step_deg, comparison.shown
     text = f"The item does not turn: neighbouring views are the same, not {step:.3g} degrees apart"
-    # Colors tell smooth cloth that turns from cloth that hangs still; nothing is known of those it turns to.
+    # Smooth cloth that turns looks still in depth, but its colors change.
     log_color = -PATCHES * sum(1.0 - share_unchanged(shown[a], shown[b]) for a, b in recorded.neighbours)
     still = replace(recorded, factor=0.0)
     yield Hypothesis(reading=still, says=(("still", text),), log_prior=MISTAKE + log_color, mends=())
@@ -137,7 +137,7 @@ def estimated(comparison: Comparison) -> tuple[float, float]:
     angles = np.array([view.angle_deg for view in views])
     every, ratios = 1, _ratios(comparison, comparison.best_moves())
     neighbours = factor = _middle(ratios)
-    step_deg = comparison.recorded.step_deg  # if it is no start of motions, they are found near blind ones
+    step_deg = comparison.recorded.step_deg  # motions are found near this turn, or near blind starts
     if not 0.0 < abs(factor) * step_deg <= (_WIDE_DEG if shows_turn(step_deg) else max(BLIND_DEG)):
         return 1.0, math.inf
     while (further := max(every + 1, int(1.5 * every))) < len(views) // 2:
