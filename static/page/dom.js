@@ -281,6 +281,7 @@ export function rebuild(container, key, build) {
     focused && /** @type {HTMLInputElement | null} */ (find(`[data-id="${CSS.escape(focused)}"]`, container));
   if (!next) return;
   if (isTyped) next.value = active?.value ?? "";
+  else next.select?.(); // as it is when one comes to it with the keyboard
   next.focus();
 }
 

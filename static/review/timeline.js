@@ -58,7 +58,6 @@ export class Timeline {
 
   cell(/** @type {ViewRow} */ view, /** @type {State} */ state) {
     const [sign] = STATES[view.state];
-    const decided = DECIDED.includes(view.state);
     const about = `View ${view.index}, ${number(view.angle_deg, 0)}°: ${described(view, state)}`;
     const labelled = state.capture ? null : this.page.brush?.thumbsOf(view.index);
     const shown = (isFlattened(view) || labelled) && state.review && !this.listed;
@@ -66,7 +65,7 @@ export class Timeline {
       "button",
       {
         class: `view ${view.state}${view.flagged ? " flagged" : ""}${shown ? " pictured" : ""}`,
-        "aria-disabled": String(view.why_not !== null && !decided),
+        "aria-disabled": String(view.why_not !== null && !DECIDED.includes(view.state)),
         label: about,
         key: `view-${view.index}`,
         tip: about + whatAPressDoes(view, state),
