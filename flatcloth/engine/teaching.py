@@ -18,15 +18,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config
 from flatcloth.core.errors import AlignmentError, ConfigError
-from flatcloth.core.types import (
-    FlattenedView,
-    Float64,
-    Int32,
-    Progress,
-    Rigid2,
-    Uint8,
-    no_progress,
-)
+from flatcloth.core.types import FlattenedView, Float64, Int32, Progress, Rigid2, Uint8, no_progress
 from flatcloth.engine.integration import Integration, Proposal
 from flatcloth.engine.segmenting import prepare
 from flatcloth.engine.views import RecordedViews

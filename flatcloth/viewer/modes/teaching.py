@@ -21,14 +21,7 @@ from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import MIRROR, Progress, RotationAxis, Uint8
 from flatcloth.engine.garment import KnownGarment
 from flatcloth.engine.sheet import outline_loops
-from flatcloth.engine.teaching import (
-    AlignmentLesson,
-    Parameters,
-    Teaching,
-    edge_uv_m,
-    followed,
-    unused_pairs,
-)
+from flatcloth.engine.teaching import AlignmentLesson, Parameters, Teaching, edge_uv_m, followed, unused_pairs
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Flattening, Level
 from flatcloth.flattening.surface import Surface
@@ -362,10 +355,5 @@ class TeachingRoutes:
                 checked = check_lesson(recording, integration.views.recorded, axis)
                 views = checked.first, checked.second
                 parcel = check_parcel(checked, mistaken(recording, views, _MISTAKES))
-        common = {
-            "parameters": asdict(parameters),
-            "defaults": asdict(teaching.defaults),
-            "start_view": view,
-            "angles_deg": list(recording.angles_deg),
-        }
-        return parcel.pack(common)
+        used = {"parameters": asdict(parameters), "defaults": asdict(teaching.defaults)}
+        return parcel.pack({**used, "start_view": view, "angles_deg": list(recording.angles_deg)})
