@@ -165,8 +165,7 @@ class Teaching:
         document = Document(start_view=view_index)
         plan = paper.plan(document)
         # S_0 has no effect except by the view that is chosen with it.
-        by = replace(parameters, overlap_cm2=OVERLAPS_CM2[0])
-        key = (view_index, by, plan.view_index, plan.side)
+        key = view_index, replace(parameters, overlap_cm2=OVERLAPS_CM2[0]), plan.view_index, plan.side
         return self._alignments.get(key, lambda: _align(paper, document, progress))
 
     def sides(self, progress: Progress = no_progress) -> tuple[Segmentation, Slice]:

@@ -99,8 +99,7 @@ const rotation = {
       sheet.painted(map, lesson.flat, box, (i) => (angles[i] === UNKNOWN_ANGLE ? null : colorAt(i)));
       for (const { side } of plan.sides) sheet.dots(map, array[`edge_${side}`], 1.6, color.band);
     });
-    const soft = /** @type {TextLook} */ ({ baseline: "top", color: color.soft });
-    sheet.text("u: the flattened view, drawn wide", strip.x, foot + 0.3 * em, soft);
+    sheet.text("u: the flattened view, drawn wide", strip.x, foot + 1.2 * em, { color: color.soft });
 
     counts.vertical(pointed, color.text, 1.5, foot);
     if (bound !== null) {
@@ -206,7 +205,7 @@ function drawCosts(sheet, rect, { search: { turns_rad: turns, shifts_m, cost, st
   const [top, bottom] = rows(rect, [1.2, 1]);
   const step = (shifts[1] - shifts[0]) / 2;
   const [first, last] = [shifts[0] - step, lastOf(shifts) + step];
-  const labels = { xLabel: "u (mm)", yLabel: "v (mm); strong color: low cost" };
+  const labels = { xLabel: "u (mm)", yLabel: "v (mm)" };
   const plot = new Plot(sheet, top, [first, last], [last, first], labels);
   sheet.clipped(plot.inner, () => {
     const box = { left: first, right: last, top: first, bottom: last };
@@ -219,7 +218,7 @@ function drawCosts(sheet, rect, { search: { turns_rad: turns, shifts_m, cost, st
     sheet.path(places, sheet.color.mark, 2);
     sheet.ring(between(places, time), 6, sheet.color.mark, 3);
   });
-  const about = { xLabel: "turn (°)", yLabel: "lowest cost of each turn" };
+  const about = { xLabel: "turn (°)", yLabel: "lowest cost" };
   const inDegrees = turns.map(degreesOf);
   const turned = new Plot(sheet, bottom, [inDegrees[0], lastOf(inDegrees)], [low, Math.max(...least)], about);
   turned.curve(inDegrees, least, sheet.color.accent);

@@ -13,10 +13,11 @@ const STRIPE_PX = 6; // undecided cloth is striped, so that it differs without c
 const TRUSTED = 0.6; // an edge that counts this much is drawn as well seen
 const EXAGGERATED = 5; // as often are residuals drawn as long as they are
 
-/** A bar for each of several possibilities. @param {Sheet} sheet @param {Rect} rect @param {Possibility[]} all */
+/** Bars for possibilities, as many as there is room for. @param {Sheet} sheet @param {Rect} rect @param {Possibility[]} all */
 function drawBars(sheet, rect, all) {
-  const high = Math.min(rect.h / all.length, 3.2 * sheet.em);
-  all.forEach(({ name, probability, color = sheet.color.soft }, k) => {
+  const shown = all.slice(0, Math.max(2, Math.floor(rect.h / (2 * sheet.em))));
+  const high = Math.min(rect.h / shown.length, 3.2 * sheet.em);
+  shown.forEach(({ name, probability, color = sheet.color.soft }, k) => {
     const [y, end] = [rect.y + (k + 0.5) * high, rect.x + rect.w];
     sheet.text(name, rect.x, y, { weight: k ? 400 : 600 });
     sheet.text(percent(probability), end, y, { align: "right" });

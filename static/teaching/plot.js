@@ -22,7 +22,8 @@ export class Plot {
     const box = { left: x[0], right: x[1], top: y[1], bottom: y[0] };
     this.map = sheet.pane(key, box, inner, { margin: 0, stretch: true });
     sheet.frame(inner);
-    for (const t of log ? ticks(...y).filter(Number.isInteger) : ticks(...y)) {
+    const some = ticks(...y, Math.max(1, Math.min(5, inner.h / (2 * em))));
+    for (const t of log ? some.filter(Number.isInteger) : some) {
       this.horizontal(t, sheet.color.line, 1);
       const text = log ? number(10 ** t, Math.max(0, -t)) : number(t, Math.abs(y[1] - y[0]) < 3 ? 1 : 0);
       const look = /** @type {TextLook} */ ({ color, size: 0.85, align: "right", baseline: "middle" });

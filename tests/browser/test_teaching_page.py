@@ -10,7 +10,7 @@ from tiny_recordings import few_views
 pytestmark = pytest.mark.browser
 
 STAGES = 14
-SAMPLES, MINIMISATION, FLATTENED, ROTATION, SEARCH = 2, 3, 4, 6, 8
+SAMPLES, MINIMISATION, FLATTENED, ROTATION = 2, 3, 4, 6
 
 
 class Lesson:
@@ -148,7 +148,7 @@ def test_the_minimisation_plays_beside_its_energy(open_lesson):
     lesson.until("t.time === 0")
 
 
-def test_sliders_panes_and_the_search_show_what_they_change(open_lesson):
+def test_sliders_and_panes_show_what_they_change(open_lesson):
     lesson = open_lesson()
     # Keys of the teaching mode say where they belong.
     lesson.page.keyboard.press("PageDown")
@@ -164,7 +164,11 @@ def test_sliders_panes_and_the_search_show_what_they_change(open_lesson):
     lesson.until("!t.busy && t.shown.parameters.sampling_interval_px === 12")
     assert int(lesson.fact("Samples")) == samples
 
+    # A slider reaches the session's own value, also where that is beyond its range.
+    limit = lesson.page.locator('[data-slider="z_angle_limit_deg"] input')
+    limit.evaluate("(input) => { input.max = 40; }")
     lesson.go(ROTATION)
+    assert limit.input_value() == "50"
     turn, place = lesson.fact("A, held to 10–50°"), lesson.fact("u_b, A_0")
     assert lesson.slide("z_angle_limit_deg", "ArrowLeft") == 45
     assert lesson.fact("A, held to 10–50°") != turn
@@ -181,12 +185,6 @@ def test_sliders_panes_and_the_search_show_what_they_change(open_lesson):
         "(p) => document.querySelector('#teaching-facts dt[data-name=\"x, y, z\"] + dd').textContent !== p",
         arg=place,
     )
-    lesson.go(SEARCH)
-    before, after = (float(x) for x in lesson.fact("Score").split("→"))
-    # The search minimises another cost than the score, so the initial estimate may score more.
-    stands = lesson.fact("Proposed") == "the initial estimate"
-    assert after <= before if stands else after >= before
-    assert int(lesson.fact("Places tried")) > 5000
     assert lesson.tab.findings() == []
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import astuple, replace
 from io import BytesIO
 from types import SimpleNamespace
 from typing import Any, cast
@@ -130,18 +129,6 @@ def test_the_flattening_is_told_as_it_is(page, integration):
         "z_angle_limit_deg": 50.0,
         "overlap_cm2": round(2000 * float(integration.views.observed_areas_m2().max())),
     }
-
-
-def test_the_search_and_the_check_are_told(page, integration):
-    values, _ = page.lesson("alignment", start_view=0, z_angle_limit_deg=45)
-    lessons = Teaching(integration)
-    search = lessons.alignment(0, replace(lessons.defaults, z_angle_limit_deg=45.0)).search
-    assert np.array(values["search"]["cost"]) == pytest.approx(search.cost)
-    assert values["motions"][-1] == pytest.approx(astuple(search.motions[-1]))
-    assert values["parameters"]["z_angle_limit_deg"] == 45.0
-    checked, _ = page.lesson("check")
-    assert checked["seen_deg"] == pytest.approx(checked["recorded_deg"], abs=2.0)
-    assert len(checked["share"]) == len(checked["turn_deg"])
 
 
 @pytest.mark.parametrize(

@@ -241,15 +241,18 @@ def seams_parcel(other: OtherSheet | None) -> Parcel:
     for name, sheet, mirror in (("this", this, np.ones(2)), ("other", its_sheet, MIRROR)):
         for n, loop in enumerate(outline_loops(sheet.canonical.view)):
             arrays[f"{name}_loop_{n}"] = loop * mirror
+    joins = []  # where a floating piece is drawn, it does not lie
     for n, seam in enumerate(seams):
-        arrays[f"this_seam_{n}"] = this.places(seam.this_uv_m)[1]
-        arrays[f"other_seam_{n}"] = its_sheet.places(seam.other_uv_m)[1] * MIRROR
+        piece, arrays[f"this_seam_{n}"] = this.places(seam.this_uv_m)
+        its_piece, its = its_sheet.places(seam.other_uv_m)
+        arrays[f"other_seam_{n}"] = its * MIRROR
+        joins.append(not seam.why and piece == its_piece == 0)
     joining = [seam.residual_m for seam in seams if not seam.why]
     values = {
         "this_cm2": CM2 * this.shape_m2,
         "other_cm2": CM2 * its_sheet.shape_m2,
         "residual_mm": 1e3 * np.median(np.concatenate(joining)) if joining else None,
-        "joins": [not seam.why for seam in seams],
+        "joins": joins,
     }
     return parcel_of(values, arrays)
 
