@@ -53,8 +53,8 @@ export function connectFrame(/** @type {Teaching} */ mode) {
     setAllowed(button, null, tipOf(action(mode, name)));
     button.addEventListener("click", () => mode.session.run(name));
   }
-  const clicks = { again: mode.again, reset: mode.reset, cancel: mode.giveUp };
-  for (const [id, act] of Object.entries(clicks)) byId(`teaching-${id}`).addEventListener("click", act.bind(mode));
+  byId("teaching-again").addEventListener("click", () => mode.again());
+  byId("teaching-reset").addEventListener("click", () => mode.change(null));
   const valueOf = (/** @type {Event} */ { target }) => /** @type {HTMLInputElement} */ (target).valueAsNumber;
   byId("teaching-time").addEventListener("input", (event) => mode.scrub(valueOf(event)));
   for (const label of findAll("[data-slider]", FRAME))

@@ -185,17 +185,14 @@ export class Teaching {
     const { part } = this.stage;
     this.known[part] = { key: this.key(part), lesson: null, error: "Cancelled: this stage has not been computed." };
     this.update();
+    byId("teaching-again").focus(); // Cancel, which had it, is gone
   }
 
-  change(/** @type {Partial<LessonParameters>} */ by) {
-    this.changed = { ...this.changed, ...by };
+  /** Set parameters; null: all as they are in the session. */
+  change(/** @type {Partial<LessonParameters> | null} */ by) {
+    this.changed = by ? { ...this.changed, ...by } : {};
     this.load();
     this.update();
-  }
-
-  reset() {
-    this.changed = {};
-    this.change({});
   }
 
   again() {
