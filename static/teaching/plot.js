@@ -4,7 +4,7 @@ import { number } from "../page/format.js";
 import { inset } from "./draw.js";
 
 /** Round numbers that divide a range into about `count` steps. */
-export function ticks(/** @type {number} */ low, /** @type {number} */ high, count = 5) {
+function ticks(/** @type {number} */ low, /** @type {number} */ high, count = 5) {
   const rough = Math.max(1e-12, (high - low) / count);
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= 0.999 * rough) ?? rough;

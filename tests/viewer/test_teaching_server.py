@@ -59,24 +59,6 @@ class Page:
         return values, arrays
 
 
-def sent_until(page, path, left: threading.Event) -> list[Any]:
-    """What a page is sent that hangs up when ``left`` is set."""
-    sent: list[Any] = []
-
-    async def receive():
-        while not left.is_set():
-            await asyncio.sleep(0.01)
-        return {"type": "http.disconnect"}
-
-    async def send(message):
-        sent.append(message)
-
-    scope = {"type": "http", "method": "GET", "path": path, "query_string": b"start_view=0", "headers": []}
-    with ThreadPoolExecutor(1) as pool:  # Playwright keeps a loop running in this thread
-        pool.submit(asyncio.run, asyncio.wait_for(page.app(scope, receive, send), WAIT_S)).result()
-    return sent
-
-
 @pytest.fixture(scope="module")
 def integration():
     return Integration(Cylinder(**CLOTH))
@@ -218,7 +200,7 @@ def test_what_goes_wrong_is_told_and_the_next_question_is_answered(page, monkeyp
 
 
 def test_hanging_up_gives_the_computation_up(page, monkeypatch):
-    began, stopped = threading.Event(), threading.Event()
+    began, stopped, sent = threading.Event(), threading.Event(), []
 
     def endless(_self, _view, _parameters, progress):
         began.set()
@@ -229,7 +211,18 @@ def test_hanging_up_gives_the_computation_up(page, monkeypatch):
         finally:
             stopped.set()
 
+    async def receive():
+        while not began.is_set():
+            await asyncio.sleep(0.01)
+        return {"type": "http.disconnect"}
+
+    async def send(message):
+        sent.append(message)
+
     monkeypatch.setattr(Teaching, "alignment", endless)
-    sent = sent_until(page, "/teaching/alignment", began)
+    about = {"path": "/teaching/alignment", "query_string": b"start_view=0", "headers": []}
+    asked = page.app({"type": "http", "method": "GET", **about}, receive, send)
+    with ThreadPoolExecutor(1) as pool:  # Playwright keeps a loop running in this thread
+        pool.submit(asyncio.run, asyncio.wait_for(asked, WAIT_S)).result()
     assert stopped.wait(WAIT_S)
     assert sent[0]["status"] == 499
