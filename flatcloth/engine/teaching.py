@@ -18,32 +18,20 @@ from scipy.spatial import cKDTree
 from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config
 from flatcloth.core.errors import AlignmentError, ConfigError
-from flatcloth.core.types import (
-    FlattenedView,
-    Float64,
-    Int32,
-    Progress,
-    RgbdFrame,
-    Rigid2,
-    Uint8,
-    no_progress,
-)
-from flatcloth.engine.garment import KnownGarment
+from flatcloth.core.types import FlattenedView, Float64, Int32, Progress, Rigid2, Uint8, no_progress
 from flatcloth.engine.integration import Integration, Proposal
 from flatcloth.engine.segmenting import prepare
 from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.flatten import Flattening, Level, flatten
 from flatcloth.flattening.surface import observe_item
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.example import half_seen_tshirt
-from flatcloth.garments.fit import STARTS, TEMPERATURE, Fit, refine, starts
-from flatcloth.garments.recognition import NONE, THINNED, fits_of, probabilities_by
-from flatcloth.methods.answers import Canonical, Plan
+from flatcloth.garments.fit import STARTS, Fit, refine, starts
+from flatcloth.garments.recognition import THINNED
+from flatcloth.methods.answers import Canonical
 from flatcloth.methods.paper.merging import shows
 from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.methods.paper.occlusion import occluding_edges
 from flatcloth.methods.paper.watching import Search, WatchedMatcher
-from flatcloth.methods.starting import components_by_area
 from flatcloth.recordings.base import altered, images_of
 from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.result import Segmentation
@@ -54,23 +42,19 @@ INTERVALS_PX = (4, 40)
 """Range of d in the page. Chosen: from every fourth pixel to a tenth of a garment."""
 Z_ANGLE_LIMITS_DEG = (10.0, 85.0)
 """Range of A_w in the page. Chosen: beyond it nothing or everything is measured."""
-OVERLAP_AREAS_M2 = (0.0001, 1.0)
-"""Range of S_0 in the page. Chosen: from 1 cm2, too little to align by, to more than a garment's face."""
+OVERLAPS_CM2 = (1.0, 10_000.0)
+"""Range of S_0 in the page. Chosen: from too little to align by to more than a garment's face."""
 
 KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH = 1, 2, 3, 4
 """Origin of a pixel of the renewed view: seen by one of the two views only, or by both. By definition."""
 
-_INTERVALS_KEPT = 6
-"""Integrations with another d, A_w or S_0 that are kept, for going back and forth. Chosen for memory."""
-_FLATTENINGS_KEPT = 12
-"""Views flattened with another d that are kept. Chosen for memory."""
-_ALIGNMENTS_KEPT = 6
-"""Alignments by other parameters that are kept. Chosen for memory."""
+_KEPT = 8
+"""Integrations, flattened views and alignments with other parameters that are kept. Chosen for memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters:
-    """The parameters that a learner may change: coarse interval d, limit A_w and overlap S_0.
+    """The parameters that a learner may change: coarse interval d, limit A_w and overlap S_0 (cm2).
 
     Raises
     ------
@@ -80,58 +64,17 @@ class Parameters:
 
     sampling_interval_px: int
     z_angle_limit_deg: float
-    overlap_area_m2: float
+    overlap_cm2: float
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         for name, value, (low, high) in (
             ("d, the sampling interval (px),", self.sampling_interval_px, INTERVALS_PX),
             ("A_w, the measurement limit (deg),", self.z_angle_limit_deg, Z_ANGLE_LIMITS_DEG),
-            ("S_0, the desirable overlap (m2),", self.overlap_area_m2, OVERLAP_AREAS_M2),
+            ("S_0, the desirable overlap (cm2),", self.overlap_cm2, OVERLAPS_CM2),
         ):
             if not low <= value <= high:
                 raise ConfigError(f"{name} must be between {low:g} and {high:g}, not {value:g}.")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FlatteningLesson:
-    """Fig. 2: one view from its samples to its flattened view.
-
-    ``unused_pairs`` contains for each level the (K, 2) pairs of neighbours with B = 0, whose straight
-    path leaves the visible surface or crosses a fold. ``energy`` and ``states`` of the levels are
-    those of the largest component.
-    """
-
-    view_index: int
-    flattening: Flattening
-    unused_pairs: tuple[Int32, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class StartLesson:
-    """The choice of the start view: ``areas_m2`` (n_views,) that each view shows, and those that were tried.
-
-    The views were flattened by their area, until all others show less than the largest component so far, that
-    of ``view_index``; ``tried`` has each with the area (m2) of its largest component, 0 if it is folded.
-    """
-
-    view_index: int
-    areas_m2: Float64
-    tried: tuple[tuple[int, float], ...]
-    flattening: Flattening
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanningLesson:
-    """Fig. 4a: the Z-angles of the flattened view, the curves, and the resulting rotation.
-
-    ``edges_uv_m`` are the places (N, 2) of each side's occluding edge on the flattened view.
-    """
-
-    view_index: int
-    view: FlattenedView
-    plan: Plan
-    edges_uv_m: dict[Side, Float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,12 +82,9 @@ class AlignmentLesson:
     """Fig. 4b to g: the next view, its initial estimate, the search, and the renewed view.
 
     ``origin`` (H, W) uint8 is for each pixel of the renewed view which of the two views shows it:
-    ``KEPT``, ``NEW``, ``OLD_OF_BOTH``, ``NEW_OF_BOTH``, 0 for none. ``planned_view`` is the view that
-    was planned first; it differs from ``view_index`` if it could not be aligned. ``placed_with`` is the
-    number of further components of the new view that the renewed view has.
+    ``KEPT``, ``NEW``, ``OLD_OF_BOTH``, ``NEW_OF_BOTH``, 0 for none.
     """
 
-    planned_view: int
     proposal: Proposal
     flattening: Flattening
     current: FlattenedView
@@ -152,12 +92,6 @@ class AlignmentLesson:
     search: Search
     renewed: Canonical
     origin: Uint8
-    placed_with: int
-
-    @property
-    def view_index(self) -> int:
-        """The added view."""
-        return self.proposal.view_index
 
 
 class Teaching:
@@ -178,11 +112,10 @@ class Teaching:
 
     def __init__(self, integration: Integration) -> None:
         self._session, self.views = integration, len(integration.recording)
-        self._flattenings: Cache[Flattening] = Cache(_FLATTENINGS_KEPT)
-        self._integrations: Cache[Integration] = Cache(_INTERVALS_KEPT)
-        self._alignments: Cache[AlignmentLesson] = Cache(_ALIGNMENTS_KEPT)
-        self._starts: Cache[int] = Cache(1)
-        self._sides: Cache[SidesLesson] = Cache(1)
+        self._flattenings: Cache[Flattening] = Cache(_KEPT)
+        self._integrations: Cache[Integration] = Cache(_KEPT)
+        self._alignments: Cache[AlignmentLesson] = Cache(_KEPT)
+        self._sides: Cache[tuple[Segmentation, Slice]] = Cache(1)
 
     @cached_property
     def defaults(self) -> Parameters:
@@ -191,8 +124,18 @@ class Teaching:
         return Parameters(
             sampling_interval_px=int(np.clip(flattening.sampling_intervals_px[0], *INTERVALS_PX)),
             z_angle_limit_deg=float(np.clip(planning.z_angle_limit_deg, *Z_ANGLE_LIMITS_DEG)),
-            overlap_area_m2=float(np.clip(planning.overlap_area_m2, *OVERLAP_AREAS_M2)),
+            overlap_cm2=round(float(np.clip(1e4 * planning.overlap_area_m2, *OVERLAPS_CM2)), 2),
         )
+
+    def paper(self, parameters: Parameters) -> Integration:
+        """Return the paper's method on the session's frames; all states of its views are recorded."""
+
+        def make() -> Integration:
+            config = paper_config(self._session.config, parameters)
+            views = _PaperViews(self._session.views, config, self._flattenings)
+            return Integration(views.recording, config, PaperMethod.name, views=views)
+
+        return self._integrations.get(parameters, make)
 
     def start_view(self, progress: Progress = no_progress) -> int:
         """Return the paper's start view: the one with the largest area that flattens without folds.
@@ -202,56 +145,9 @@ class Teaching:
         FlatteningError
             If there is no such view.
         """
-
-        def find() -> int:
-            event = self._paper(self.defaults).answer(Document(), Request(0, "start"), progress)
-            assert isinstance(event, Started)
-            return event.view_index
-
-        return self._starts.get("start", find)
-
-    def start(self, progress: Progress = no_progress) -> StartLesson:
-        """Return the choice of the start view; errors as :meth:`start_view`."""
-        views, chosen = self._paper(self.defaults).views, self.start_view(progress)
-        return StartLesson(
-            view_index=chosen,
-            areas_m2=views.observed_areas_m2(progress),
-            tried=tuple(components_by_area(views, progress)),
-            flattening=views.flattening(chosen),
-        )
-
-    def flattening(
-        self, view_index: int, parameters: Parameters, progress: Progress = no_progress
-    ) -> FlatteningLesson:
-        """Return Fig. 2 for one view.
-
-        Raises
-        ------
-        SurfaceError, FlatteningError
-            If the view shows too little cloth at this interval.
-        """
-        progress(0.1, f"flattening view {view_index}")
-        flattening = self._paper(parameters).views.flattening(view_index)
-        return FlatteningLesson(
-            view_index=view_index,
-            flattening=flattening,
-            unused_pairs=tuple(_unused_pairs(level) for level in flattening.levels),
-        )
-
-    def planning(
-        self, view_index: int, parameters: Parameters, progress: Progress = no_progress
-    ) -> PlanningLesson:
-        """Return Fig. 4a with one view as the current flattened view; errors as :meth:`flattening`."""
-        progress(0.1, f"flattening view {view_index}")
-        paper = self._paper(parameters)
-        flattening = paper.views.flattening(view_index)
-        progress(0.8, "choosing the rotation")
-        return PlanningLesson(
-            view_index=view_index,
-            view=flattening.view,
-            plan=paper.plan(Document(start_view=view_index)),
-            edges_uv_m={side: _edge_uv_m(flattening, side) for side in Side},
-        )
+        event = self.paper(self.defaults).answer(Document(), Request(0, "start"), progress)
+        assert isinstance(event, Started)
+        return event.view_index
 
     def alignment(
         self, view_index: int, parameters: Parameters, progress: Progress = no_progress
@@ -265,39 +161,35 @@ class Teaching:
         SurfaceError, FlatteningError
             If the current view shows too little cloth.
         """
-        paper = self._paper(parameters)
+        paper = self.paper(parameters)
         document = Document(start_view=view_index)
         plan = paper.plan(document)
         # S_0 has no effect except by the view that is chosen with it.
-        key = (
-            view_index,
-            parameters.sampling_interval_px,
-            parameters.z_angle_limit_deg,
-            plan.view_index,
-            plan.side,
-        )
-        return self._alignments.get(key, lambda: _align(paper, document, plan.view_index, progress))
+        key = view_index, replace(parameters, overlap_cm2=OVERLAPS_CM2[0]), plan.view_index, plan.side
+        return self._alignments.get(key, lambda: _align(paper, document, progress))
 
-    def sides(self, progress: Progress = no_progress) -> SidesLesson:
-        """Return how the side of interest is found without masks; errors as :func:`sides_lesson`."""
-        return self._sides.get("sides", lambda: sides_lesson(self._session.views, progress))
+    def sides(self, progress: Progress = no_progress) -> tuple[Segmentation, Slice]:
+        """Return the sides of all views, found without masks, and a slice of the evidence.
 
-    def _paper(self, parameters: Parameters) -> Integration:
-        def make() -> Integration:
-            config = paper_config(self._session.config, parameters)
-            views = _PaperViews(self._session.views, config, self._flattenings)
-            return Integration(views.recording, config, PaperMethod.name, views=views)
+        Raises
+        ------
+        SegmentationError, RecordingError
+            As :func:`prepare`.
+        """
 
-        return self._integrations.get(parameters, make)
+        def find() -> tuple[Segmentation, Slice]:
+            views = self._session.views
+            solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
+            return solver.solve(()), telling_slice(solver.observed, views.axis)
+
+        return self._sides.get("sides", find)
 
 
-def _align(
-    paper: Integration, document: Document, planned: int | None, progress: Progress
-) -> AlignmentLesson:
+def _align(paper: Integration, document: Document, progress: Progress) -> AlignmentLesson:
     asked = apply(SessionState(len(paper.recording), document), Propose())
     assert asked.request is not None
     event = paper.answer(document, asked.request, progress)
-    if planned is None or not isinstance(event, Proposed):
+    if not isinstance(event, Proposed):
         raise AlignmentError(getattr(event, "reason", "There is no view to add."))
     answered = apply(asked, event)
     proposal = paper.proposal(answered.document)
@@ -314,7 +206,6 @@ def _align(
     ]
     renewed = paper.canonical(replace(document, accepted=(replace(accepted, also=also),)))
     return AlignmentLesson(
-        planned_view=planned,
         proposal=proposal,
         flattening=paper.views.flattening(event.view_index),
         current=current,
@@ -322,7 +213,6 @@ def _align(
         search=watched.seen(),
         renewed=renewed,
         origin=_origin(renewed.view, (current, event.current_from_new), [(new, Rigid2()), *others]),
-        placed_with=len(also),
     )
 
 
@@ -344,7 +234,7 @@ def paper_config(config: Config, parameters: Parameters) -> Config:
         planning=replace(
             config.planning,
             z_angle_limit_deg=parameters.z_angle_limit_deg,
-            overlap_area_m2=parameters.overlap_area_m2,
+            overlap_area_m2=parameters.overlap_cm2 / 1e4,
         ),
     )
 
@@ -375,7 +265,7 @@ class _PaperViews(RecordedViews):
         return self._shared.get((view_index, self.config.flattening.sampling_intervals_px), make)
 
 
-def _edge_uv_m(flattening: Flattening, side: Side) -> Float64:
+def edge_uv_m(flattening: Flattening, side: Side) -> Float64:
     """Return where the occluding edge of a side lies on the flattened view (N, 2).
 
     Between the outermost samples and the outline, up to their interval, the flattened view has no cloth.
@@ -388,8 +278,8 @@ def _edge_uv_m(flattening: Flattening, side: Side) -> Float64:
     return view.uv_from_rc(pixels[nearest[np.isfinite(away)]])
 
 
-def _unused_pairs(level: Level) -> Int32:
-    """Return the pairs (K, 2) of grid neighbours, diagonals included, that are not used."""
+def unused_pairs(level: Level) -> Int32:
+    """Return the pairs (K, 2) of grid neighbours with B = 0: jumps to other cloth, and folds."""
     points = level.points_rc
     if len(points) < 2:
         return np.zeros((0, 2), dtype=np.int32)
@@ -422,92 +312,27 @@ _STEPS = ((4.0, 6), (2.0, 6), (1.0, 8))
 """Factors on the standard deviations, and number of steps with each. Chosen: a few more than in the fit."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class GarmentLesson:
-    """The recognition of one shape.
+def followed(best: Fit, evidence: PieceEvidence) -> tuple[Float64, Float64]:
+    """Follow the fits of the likeliest kind, step by step.
 
-    ``view`` is the shape, or None for an example, if the session has no shape of two views yet. ``evidence``
-    is that of the shape; ``fits`` are the best of each kind, the most probable first, ``probabilities`` are
-    those by this shape alone, at a ``temperature``. ``states`` (S, K, V, 2) are the outlines on the shape's
-    plane from each of K starts with the best kind, step by step, and ``energy`` (S, K) their costs;
-    ``widened`` (S,) is the factor on the standard deviations in each step.
+    Returns
+    -------
+    outlines : (S, K, V, 2)
+        On the shape's plane, from each of K starts, after each of S steps.
+    energy : (S, K)
+        Their costs.
     """
-
-    view: FlattenedView | None
-    evidence: PieceEvidence
-    temperature: float
-    fits: tuple[Fit, ...]
-    probabilities: dict[str, float]
-    states: Float64
-    energy: Float64
-    widened: Float64
-
-
-def garment_lesson(known: KnownGarment | None, progress: Progress = no_progress) -> GarmentLesson:
-    """Return the lesson about a known garment, or about an example."""
-    evidence = half_seen_tshirt() if known is None else known.evidence[0]
-    progress(0.1, "fitting every kind")
-    fits = fits_of(evidence)
-    temperature = TEMPERATURE if known is None else known.by_evidence.temperature
-    probabilities = probabilities_by(fits, evidence, temperature)
-    progress(0.7, "following the fits")
-    states, energy, widened = _followed(fits[0], evidence)
-    return GarmentLesson(
-        view=None if known is None else known.canonical.view,
-        evidence=evidence,
-        temperature=temperature,
-        fits=tuple(fits),
-        probabilities={
-            **{fit.kind.name: probabilities[fit.kind.name] for fit in fits},
-            NONE: probabilities[NONE],
-        },
-        states=states,
-        energy=energy,
-        widened=widened,
-    )
-
-
-def _followed(best: Fit, evidence: PieceEvidence) -> tuple[Float64, Float64, Float64]:
     kind, coarse = best.kind, evidence.thinned(THINNED)
     now = [
         refine(kind, (coarse,), parameters, (pose,), annealed=())
         for parameters, pose in starts(kind, evidence, STARTS)
     ]
-    rows, factors = [now], [_STEPS[0][0]]
-    for widened, steps in _STEPS:
-        for _ in range(steps):
-            now = [
-                refine(
-                    kind, (coarse,), fit.parameters, fit.garment_from_piece, annealed=(widened,), most_steps=1
-                )
-                for fit in now
-            ]
-            rows.append(now)
-            factors.append(widened)
+    rows = [now]
+    for widened in (factor for factor, steps in _STEPS for _ in range(steps)):
+        now = [
+            refine(kind, (coarse,), fit.parameters, fit.garment_from_piece, annealed=(widened,), most_steps=1)
+            for fit in now
+        ]
+        rows.append(now)
     outlines = [[fit.garment_from_piece[0].inverse().apply(fit.outline) for fit in row] for row in rows]
-    return np.array(outlines), np.array([[fit.energy for fit in row] for row in rows]), np.array(factors)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SidesLesson:
-    """How the side of interest is found: the start view as recorded, the result, a slice of the evidence."""
-
-    frame: RgbdFrame
-    found: Segmentation
-    section: Slice
-
-
-def sides_lesson(views: RecordedViews, progress: Progress = no_progress) -> SidesLesson:
-    """Find the sides of a recording for the teaching mode; masks of its own are not used.
-
-    Raises
-    ------
-    SegmentationError, RecordingError
-        As :func:`prepare`.
-    """
-    solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
-    return SidesLesson(
-        frame=views.recorded(solver.observed.start_view),
-        found=solver.solve(()),
-        section=telling_slice(solver.observed, views.axis),
-    )
+    return np.array(outlines), np.array([[fit.energy for fit in row] for row in rows])

@@ -90,14 +90,8 @@ export class JointsPanel extends PagePart {
     const { thisSide } = this.page;
     const { shown } = this.canvas.layer;
     if (this.want() || !shown || !thisSide.layers || this.canvas.side === "other") return null;
-    const none = /** @type {never} */ ({}); // it has no parameters
     const shape = shown.image instanceof Pyramid ? shown.image.at(1) : shown.image;
     return {
-      array: {},
-      parameters: none,
-      defaults: none,
-      sliders: none,
-      view_index: thisSide.start_view ?? 0,
       picture: { shape },
       grid: shown.grid,
       joints: this.joints,

@@ -1,6 +1,6 @@
 // The drawing sheet of the teaching mode: panes, and what is drawn in them.
 
-import { strokeLine, strokeRimmed, strokeScale, traceCross } from "../canvas/marks.js";
+import { strokeLine, strokeRimmed, strokeScale } from "../canvas/marks.js";
 import { contextOf, sized, within } from "../page/dom.js";
 import { length, niceLength } from "../page/format.js";
 
@@ -8,19 +8,19 @@ const COLORS =
   "panel raised line text soft accent sample pair unused point short even long count mean before limit mark band " +
   "kept new";
 
-/** Rectangles of CSS pixels: `{x, y, w, h}`. */
+/** Rectangles of CSS pixels beside each other. */
 export function columns(/** @type {Rect} */ rect, /** @type {number[]} */ shares, gap = 16) {
   const total = shares.reduce((a, b) => a + b, 0);
-  const room = rect.w - gap * (shares.length - 1);
   let x = rect.x;
   return shares.map((share) => {
-    const w = (room * share) / total;
+    const w = ((rect.w - gap * (shares.length - 1)) * share) / total;
     const made = { x, y: rect.y, w, h: rect.h };
     x += w + gap;
     return made;
   });
 }
 
+/** Rectangles below each other. */
 export function rows(/** @type {Rect} */ rect, /** @type {number[]} */ shares, gap = 16) {
   const turned = columns({ x: rect.y, y: rect.x, w: rect.h, h: rect.w }, shares, gap);
   return turned.map((r) => ({ x: r.y, y: r.x, w: r.h, h: r.w }));
@@ -34,62 +34,29 @@ export const inset = (rect, left, top = left, right = left, bottom = top) => ({
   h: Math.max(1, rect.h - top - bottom),
 });
 
-/** @param {Rect} rect @param {number} x @param {number} y */
-export const inside = (rect, x, y) => x >= rect.x && y >= rect.y && x <= rect.x + rect.w && y <= rect.y + rect.h;
-
-/**
- * A picture made pixel by pixel: `colorAt(index)` is [r, g, b, alpha], or nothing.
- * @param {number} rowsCount @param {number} cols @param {(i: number) => number[] | null} colorAt
- */
-export function painted(rowsCount, cols, colorAt) {
-  const canvas = new OffscreenCanvas(cols, rowsCount);
-  const context = contextOf(canvas);
-  const data = context.createImageData(cols, rowsCount);
-  for (let i = 0; i < rowsCount * cols; i++) {
-    const color = colorAt(i);
-    if (color) data.data.set(color, 4 * i);
-  }
-  context.putImageData(data, 0, 0);
-  return canvas;
+/** The width share of a pane that shows a box at the full height of the sheet. */
+export function shareOf(/** @type {Box} */ box, /** @type {Rect} */ rect, least = 0.22, most = 0.5) {
+  const wide = (rect.h * (box.right - box.left)) / (box.bottom - box.top);
+  return within((1.08 * wide) / rect.w, least, most);
 }
 
-/** From a pane's own units to CSS pixels; both directions may have scales of their own. */
-export class PaneMap {
-  /**
-   * @param {string} key @param {Rect} rect @param {number} scaleX @param {number} scaleY @param {number} x
-   * @param {number} y
-   */
-  constructor(key, rect, scaleX, scaleY, x, y) {
-    this.key = key;
-    this.rect = rect;
-    this.scaleX = scaleX;
-    this.scaleY = scaleY;
-    this.x = x;
-    this.y = y;
-  }
-
-  /** @returns {UV} */
-  at(/** @type {number} */ u, /** @type {number} */ v) {
-    return [this.x + this.scaleX * u, this.y + this.scaleY * v];
-  }
-
-  /** @returns {UV} */
-  from(/** @type {number} */ x, /** @type {number} */ y) {
-    return [(x - this.x) / this.scaleX, (y - this.y) / this.scaleY];
-  }
-}
+/** @param {Drawable} image */
+export const imageBox = (image) => ({ left: -0.5, top: -0.5, right: image.width - 0.5, bottom: image.height - 0.5 });
 
 export class Sheet {
-  /** `handlers`: redraw(), probe(pane key, place in its units). */
-  constructor(/** @type {HTMLCanvasElement} */ canvas, /** @type {SheetHandlers} */ handlers) {
+  constructor(/** @type {HTMLCanvasElement} */ canvas, /** @type {(key: string, at: UV) => void} */ probe) {
     this.canvas = canvas;
     this.context = contextOf(canvas);
-    this.handlers = handlers;
     this.panes = /** @type {PaneMap[]} */ ([]);
     this.color = /** @type {Record<string, string>} */ ({});
     this.em = this.weight = 1;
     this.family = "";
-    this.listen();
+    const point = (/** @type {PointerEvent} */ { offsetX: x, offsetY: y }) => {
+      const map = this.panes.findLast(({ rect: r }) => x >= r.x && y >= r.y && x <= r.x + r.w && y <= r.y + r.h);
+      if (map) probe(map.key, map.from(x, y));
+    };
+    canvas.addEventListener("pointerdown", point);
+    canvas.addEventListener("pointermove", point);
   }
 
   begin() {
@@ -106,89 +73,70 @@ export class Sheet {
     return { x: 0, y: 0, w, h };
   }
 
-  font(size = 1, weight = 400) {
-    this.context.font = `${weight} ${(size * this.em).toFixed(1)}px ${this.family}`;
-  }
+  // --- texts -----------------------------------------------------------------------------------
 
   /**
-   * Write a text; A_w in it is set as A with a small w.
-   *
+   * Write a text; A_w in it is set as A with a small w. Returns its width.
    * @param {string} text @param {number} x @param {number} y @param {TextLook} look
    */
   text(text, x, y, look = {}) {
     const { color = this.color.text, size = 0.92, weight = 400, align = "left", plate = false } = look;
-    const context = this.context;
-    const runs = text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((run, i) => ({ run, small: i % 2 === 1, width: 0 }));
-    context.textAlign = "left";
+    const { context, em } = this;
     context.textBaseline = look.baseline ?? "alphabetic";
-    for (const part of runs) {
-      this.font(part.small ? 0.76 * size : size, weight);
-      part.width = context.measureText(part.run).width;
-    }
-    const width = runs.reduce((sum, part) => sum + part.width, 0);
+    const runs = text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/); // every other one is small
+    const fontOf = (/** @type {number} */ n) => {
+      context.font = `${weight} ${((n % 2 ? 0.76 : 1) * size * em).toFixed(1)}px ${this.family}`;
+    };
+    const widths = runs.map((run, n) => (fontOf(n), context.measureText(run).width));
+    const width = widths.reduce((a, b) => a + b);
     let left = x - width * { left: 0, center: 0.5, right: 1 }[align];
-    if (plate) {
-      this.font(size, weight);
-      const { fontBoundingBoxAscent: a, fontBoundingBoxDescent: d } = context.measureText(text);
-      this.plate(left - 3, y - a - 1, width + 6, a + d + 2);
-    }
+    if (plate) this.plate(left - 3, y - (look.baseline ? 0.7 : 1) * size * em, width + 6, 1.35 * size * em);
     context.fillStyle = color;
-    for (const { run, small, width: wide } of runs) {
-      this.font(small ? 0.76 * size : size, weight);
-      context.fillText(run, left, y + (small ? 0.28 * size * this.em : 0));
-      left += wide;
-    }
+    runs.forEach((run, n) => {
+      fontOf(n);
+      context.fillText(run, left, y + (n % 2 ? 0.28 * size * em : 0));
+      left += widths[n];
+    });
+    return width;
   }
 
   /** What lies under a text. @param {[x: number, y: number, w: number, h: number]} rect */
   plate(...rect) {
-    this.context.save();
     this.context.globalAlpha = 0.82;
     this.context.fillStyle = this.color.panel;
     this.context.fillRect(...rect);
-    this.context.restore();
+    this.context.globalAlpha = 1;
   }
 
-  /** What of a text has room in a width, as it is written next. */
-  fitted(/** @type {string} */ text, /** @type {number} */ wide) {
-    const fits = (/** @type {string} */ part) => this.context.measureText(part).width <= wide;
-    let shown = text;
-    for (let n = text.length - 1; n >= 0 && !fits(shown); n--) shown = n ? `${text.slice(0, n).trimEnd()}\u2026` : "";
-    return shown;
-  }
-
-  /** A title above a pane; returns what is left of it. */
+  /** A title above a pane, clipped to its width; returns what is left of it. */
   titled(/** @type {Rect} */ rect, /** @type {string} */ title, detail = "") {
-    const high = 1.7 * this.em;
-    this.font(0.92, 600);
-    const shown = this.fitted(title, rect.w);
-    const used = this.context.measureText(shown).width + 0.6 * this.em;
-    this.text(shown, rect.x, rect.y + 1.05 * this.em, { weight: 600 });
-    this.font(0.92);
-    const more = shown === title ? this.fitted(detail, rect.w - used) : "";
-    this.text(more, rect.x + used, rect.y + 1.05 * this.em, { color: this.color.soft });
-    return inset(rect, 0, high, 0, 0);
+    const { em } = this;
+    this.clipped(rect, () => {
+      const used = this.text(title, rect.x, rect.y + 1.05 * em, { weight: 600 });
+      this.text(detail, rect.x + used + 0.6 * em, rect.y + 1.05 * em, { color: this.color.soft });
+    });
+    return inset(rect, 0, 1.7 * em, 0, 0);
   }
+
+  // --- panes -----------------------------------------------------------------------------------
 
   /**
-   * A pane that shows a box of its own units, y down.
+   * A pane that shows a box of its own units, y down; stretched, both directions have scales of their own.
    * @param {string} key @param {Box} box @param {Rect} rect
    */
-  pane(key, box, rect, { margin = 6, stretch = false } = {}) {
-    const across = Math.max(1e-9, box.right - box.left);
-    const down = Math.max(1e-9, box.bottom - box.top);
-    let scaleX = (rect.w - 2 * margin) / across;
-    let scaleY = (rect.h - 2 * margin) / down;
-    if (!stretch) scaleX = scaleY = Math.max(1e-6, Math.min(scaleX, scaleY));
-    const spare = rect.w - 2 * margin - scaleX * across;
-    const map = new PaneMap(
+  pane(key, { left, top, right, bottom }, rect, { margin = 6, stretch = false } = {}) {
+    let scale = [(rect.w - 2 * margin) / (right - left || 1), (rect.h - 2 * margin) / (bottom - top || 1)];
+    if (!stretch) scale = [Math.min(...scale), Math.min(...scale)];
+    const x = rect.x + rect.w / 2 - (scale[0] * (left + right)) / 2;
+    const y = rect.y + rect.h / 2 - (scale[1] * (top + bottom)) / 2;
+    /** @type {PaneMap} */
+    const map = {
       key,
       rect,
-      scaleX,
-      scaleY,
-      rect.x + margin + spare / 2 - scaleX * box.left,
-      rect.y + rect.h / 2 - (scaleY * (box.top + box.bottom)) / 2,
-    );
+      scale,
+      at: (u, v) => [x + scale[0] * u, y + scale[1] * v],
+      from: (px, py) => [(px - x) / scale[0], (py - y) / scale[1]],
+    };
     this.panes.push(map);
     return map;
   }
@@ -201,7 +149,7 @@ export class Sheet {
    */
   show(key, box, rect, options, draw) {
     const map = this.pane(key, box, rect, options);
-    this.within(rect, () => {
+    this.clipped(rect, () => {
       draw(map);
       if (options.bar) this.scaleBar(map);
     });
@@ -214,58 +162,68 @@ export class Sheet {
     return this.show(key, box, rect, options, (map) => this.picture(map, image, box));
   }
 
-  within(/** @type {Rect} */ rect, /** @type {() => void} */ draw) {
-    const context = this.context;
-    context.save();
-    context.beginPath();
-    context.rect(rect.x, rect.y, rect.w, rect.h);
-    context.clip();
+  clipped(/** @type {Rect} */ rect, /** @type {() => void} */ draw) {
+    this.context.save();
+    this.context.beginPath();
+    this.context.rect(rect.x, rect.y, rect.w, rect.h);
+    this.context.clip();
     draw();
-    context.restore();
+    this.context.restore();
   }
 
-  frame(/** @type {Rect} */ rect, color = this.color.line) {
+  frame(/** @type {Rect} */ { x, y, w, h }, color = this.color.line) {
     this.context.strokeStyle = color;
     this.context.lineWidth = 1;
-    this.context.strokeRect(
-      Math.round(rect.x) + 0.5,
-      Math.round(rect.y) + 0.5,
-      Math.round(rect.w) - 1,
-      Math.round(rect.h) - 1,
-    );
+    this.context.strokeRect(Math.round(x) + 0.5, Math.round(y) + 0.5, Math.round(w) - 1, Math.round(h) - 1);
   }
 
-  /** @param {PictureMap} map @param {Drawable} image @param {Box} box */
-  picture(map, image, box, alpha = 1) {
-    const [x0, y0] = map.at(box.left, box.top);
-    const [x1, y1] = map.at(box.right, box.bottom);
-    const context = this.context;
+  /** A scale bar in the corner of a pane of the plane, whose unit is the metre. */
+  scaleBar(/** @type {PaneMap} */ { rect, scale }) {
+    const mm = niceLength((1000 * Math.min(120, 0.4 * rect.w)) / scale[0]);
+    const width = (mm / 1000) * scale[0];
+    const [x, y] = [rect.x + 8, rect.y + rect.h - 7];
+    this.plate(x - 5, y - 1.7 * this.em, Math.max(width, 4 * this.em) + 12, 1.7 * this.em + 5);
+    strokeScale(this.context, x, y, width, this.color.text);
+    this.text(length(mm), x + 4, y - 5, { size: 0.85 });
+  }
+
+  // --- what is drawn in them -------------------------------------------------------------------
+
+  /**
+   * A picture of a box of the plane, or of another plane that a motion brings here.
+   * @param {PaneMap} map @param {Drawable} image @param {Box} box
+   */
+  picture(map, image, box, alpha = 1, /** @type {Motion} */ [theta, u, v] = [0, 0, 0]) {
+    const { context } = this;
+    const [across, down] = [map.scale[0] * (box.right - box.left), map.scale[1] * (box.bottom - box.top)];
     context.save();
+    context.translate(...map.at(u, v));
+    context.rotate(theta);
     context.globalAlpha = alpha;
-    context.imageSmoothingEnabled = (devicePixelRatio * (x1 - x0)) / image.width < 2.5;
+    context.imageSmoothingEnabled = (devicePixelRatio * across) / image.width < 2.5;
     context.imageSmoothingQuality = "high";
-    context.drawImage(image, x0, y0, x1 - x0, y1 - y0);
+    context.drawImage(image, map.scale[0] * box.left, map.scale[1] * box.top, across, down);
     context.restore();
   }
 
   /**
-   * A picture of another plane, moved here by (theta, u, v).
-   * @param {PaneMap} map @param {Drawable} image @param {Box} box @param {Motion} parts
+   * A picture made pixel by pixel: `colorAt(index)` is [r, g, b, alpha], or nothing.
+   * @param {PaneMap} map @param {{ rows: number; cols: number }} size @param {Box} box
+   * @param {(i: number) => number[] | null} colorAt
    */
-  movedPicture(map, image, box, [theta, u, v], alpha = 1) {
-    const context = this.context;
-    context.save();
-    context.translate(...map.at(u, v));
-    context.rotate(theta);
-    this.picture({ at: (a, b) => [map.scaleX * a, map.scaleY * b] }, image, box, alpha);
-    context.restore();
+  painted(map, { rows: down, cols }, box, colorAt) {
+    const context = contextOf(new OffscreenCanvas(cols, down));
+    const data = context.createImageData(cols, down);
+    for (let i = 0; i < down * cols; i++) data.data.set(colorAt(i) ?? [], 4 * i);
+    context.putImageData(data, 0, 0);
+    this.picture(map, context.canvas, box);
   }
 
-  /** @param {PictureMap} map @param {Numbers} points @param {number} radius @param {string} color */
+  /** @param {PaneMap} map @param {Numbers} points @param {number} radius @param {string} color */
   dots(map, points, radius, color) {
-    const context = this.context;
-    context.beginPath();
+    const { context } = this;
     const r = radius * this.weight;
+    context.beginPath();
     for (let i = 0; i < points.length; i += 2) {
       const [x, y] = map.at(points[i], points[i + 1]);
       context.moveTo(x + r, y);
@@ -277,94 +235,56 @@ export class Sheet {
 
   /**
    * Lines between points by pairs of indices; `pick(pair)` says which are drawn.
-   * @param {PictureMap} map @param {Numbers} points @param {Numbers} pairs @param {string} color
-   * @param {number} width
+   * @param {PaneMap} map @param {Numbers} points @param {Numbers} pairs @param {string} color @param {number} width
    */
-  segments(map, points, pairs, color, width, /** @type {((pair: number) => boolean) | null} */ pick = null) {
-    const context = this.context;
+  segments(map, points, pairs, color, width, pick = (/** @type {number} */ _pair) => true) {
+    const { context } = this;
     context.beginPath();
     for (let e = 0; e < pairs.length; e += 2) {
-      if (pick && !pick(e / 2)) continue;
+      if (!pick(e / 2)) continue;
       const [a, b] = [2 * pairs[e], 2 * pairs[e + 1]];
       context.moveTo(...map.at(points[a], points[a + 1]));
       context.lineTo(...map.at(points[b], points[b + 1]));
     }
-    this.stroke(color, width);
+    context.strokeStyle = color;
+    context.lineWidth = width * this.weight;
+    context.stroke();
   }
 
   /** @param {UV} from @param {UV} to @param {string} color @param {number[]} dash */
   line(from, to, color, width = 1.5, dash = []) {
-    const ends = [from, to].map(([x, y]) => ({ x, y }));
-    strokeLine(this.context, ends, color, width > 1 ? width * this.weight : width, dash);
+    this.path([from, to], color, width, dash);
+  }
+
+  /** A line through places of the sheet. @param {UV[]} places @param {string} color @param {number[]} dash */
+  path(places, color, width = 1.5, dash = []) {
+    const points = places.map(([x, y]) => ({ x, y }));
+    strokeLine(this.context, points, color, width > 1 ? width * this.weight : width, dash);
   }
 
   /**
-   * A closed line through places [u0, v0, u1, v1, ...].
+   * A closed line through places [u0, v0, u1, v1, ...] of a pane.
    * @param {PaneMap} map @param {Numbers} uv @param {string} color @param {number} width @param {number[]} dash
    */
   loop(map, uv, color, width, dash = []) {
-    for (let i = 0, j = uv.length - 2; i < uv.length; j = i, i += 2)
-      this.line(map.at(uv[j], uv[j + 1]), map.at(uv[i], uv[i + 1]), color, width, dash);
+    const places = Array.from({ length: uv.length / 2 }, (_, i) => map.at(uv[2 * i], uv[2 * i + 1]));
+    this.path([...places, places[0]], color, width, dash);
   }
 
-  /** @param {UV} from @param {UV} to @param {string} color */
-  arrow(from, to, color, width = 2) {
-    const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
-    const head = (4 + 2 * width) * this.weight;
-    this.line(from, [to[0] - 0.7 * head * Math.cos(angle), to[1] - 0.7 * head * Math.sin(angle)], color, width);
-    const context = this.context;
-    context.beginPath();
-    context.moveTo(...to);
-    for (const side of [-0.45, 0.45])
-      context.lineTo(to[0] - head * Math.cos(angle + side), to[1] - head * Math.sin(angle + side));
+  /** Fill what `path` traces. @param {string} color @param {(to: Context) => void} path */
+  fill(color, path, alpha = 1) {
+    const { context } = this;
+    context.globalAlpha = alpha;
     context.fillStyle = color;
+    context.beginPath();
+    path(context);
     context.fill();
+    context.globalAlpha = 1;
   }
 
-  /** @param {UV} place @param {number} radius @param {string} color */
-  ring(place, radius, color, width = 2.5) {
-    this.rimmed(color, width, () => this.context.arc(...place, radius * this.weight, 0, 2 * Math.PI));
-  }
-
-  /** Stroke what `path` traces, with a rim. @param {string} color @param {number} width @param {() => void} path */
-  rimmed(color, width, path) {
-    strokeRimmed(this.context, color, width * this.weight, path, this.color.panel, 3 * this.weight);
-  }
-
-  stroke(/** @type {string} */ color, /** @type {number} */ width) {
-    this.context.strokeStyle = color;
-    this.context.lineWidth = width * this.weight;
-    this.context.stroke();
-  }
-
-  cross(/** @type {UV} */ [x, y], /** @type {string} */ color) {
-    this.rimmed(color, 2, () => traceCross(this.context, x, y, 4 * this.weight, 13 * this.weight));
-    this.ring([x, y], 8, color, 2);
-  }
-
-  /** A scale bar in the corner of a pane of the plane, whose unit is the metre. */
-  scaleBar(/** @type {PaneMap} */ map) {
-    const { rect } = map;
-    const mm = niceLength((1000 * Math.min(120, 0.4 * rect.w)) / map.scaleX);
-    const width = (mm / 1000) * map.scaleX;
-    const [x, y] = [rect.x + 8, rect.y + rect.h - 7];
-    this.font(0.85);
-    const wide = Math.max(width, this.context.measureText(length(mm)).width);
-    this.plate(x - 5, y - 1.7 * this.em, wide + 12, 1.7 * this.em + 5);
-    strokeScale(this.context, x, y, width, this.color.text);
-    this.text(length(mm), x + 4, y - 5, { size: 0.85 });
-  }
-
-  // --- the pointer ---------------------------------------------------------------------------
-
-  listen() {
-    const point = (/** @type {PointerEvent} */ event) => {
-      const at = this.canvas.getBoundingClientRect();
-      const [x, y] = [event.clientX - at.left, event.clientY - at.top];
-      const map = this.panes.findLast(({ rect }) => inside(rect, x, y));
-      if (map) this.handlers.probe(map.key, map.from(x, y));
-    };
-    this.canvas.addEventListener("pointerdown", point);
-    this.canvas.addEventListener("pointermove", point);
+  /** A ring with a rim. @param {UV} place @param {number} radius @param {string} color */
+  ring([x, y], radius, color, width = 2.5) {
+    const circle = () => this.context.arc(x, y, radius * this.weight, 0, 2 * Math.PI);
+    strokeRimmed(this.context, color, width * this.weight, circle, this.color.panel, 3 * this.weight);
   }
 }

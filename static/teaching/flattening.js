@@ -1,311 +1,276 @@
-// The stages of Fig. 2: one view, from samples to the flattened view.
+// The stages of one view: what it is about, samples and pairs, the minimisation, the flattened view; and the start view.
 
-import { cm2, mm, number, count, hex, rgbOf } from "../page/format.js";
-import { boxOf, pixelAt, boxOfPoints, union } from "../canvas/geometry.js";
-import { imageBox, middleOf, onImage, shareOf, withDetail } from "./detail.js";
-import { columns, rows } from "./draw.js";
-import { lastOf, strains, between, energy, iterationAt } from "./lesson.js";
+import { boxOf, boxOfPoints, pixelAt, union } from "../canvas/geometry.js";
 import { within } from "../page/dom.js";
+import { cm2, degrees, hex, mm, number, percent, rgbOf } from "../page/format.js";
+import { columns, imageBox, rows, shareOf } from "./draw.js";
+import { between, lastOf, partsOf } from "./lesson.js";
 import { Plot } from "./plot.js";
 
-// --- samples and pairs on the image ----------------------------------------------------------------
-
-const dotSize = (/** @type {number} */ size) => (size === 1 ? 1.7 : 4);
-
-/** Where the detail is first: in the middle of the unused pairs, so that a reason to look is seen. @returns {UV} */
-function detailStart(/** @type {Lessons} */ { flattening }) {
-  const level = flattening.levels[0];
-  const { xy, unusedPairs } = level;
-  const middles = /** @type {UV[]} */ ([]);
-  for (let e = 0; e < unusedPairs.length; e += 2) {
-    const [a, b] = [2 * unusedPairs[e], 2 * unusedPairs[e + 1]];
-    middles.push([(xy[a] + xy[b]) / 2, (xy[a + 1] + xy[b + 1]) / 2]);
-  }
-  if (!middles.length) for (let i = 0; i < xy.length; i += 2) middles.push([xy[i], xy[i + 1]]);
-  middles.sort((p, q) => p[1] - q[1]);
-  return middles[Math.floor(middles.length / 2)] ?? [0, 0];
-}
-
-/** The level that is minimised at a time, and the time in it: the coarse one, then the fine one. @returns {[Level, number]} */
-function levelAt(/** @type {FlatteningLesson} */ { levels }, /** @type {number} */ time) {
-  const [coarse] = levels;
-  const first = coarse.states.length;
-  return time < first || levels.length < 2 ? [coarse, Math.min(time, first - 1)] : [lastOf(levels), time - first];
-}
-
-// --- the flattened view ----------------------------------------------------------------------------
-
-/** The pixel of the flattened view under the probe: its index, or -1. */
-function probed(/** @type {FlatteningLesson} */ lesson, /** @type {Ui} */ ui) {
-  const at = pixelAt(lesson.flat, ...ui.at);
-  return at < 0 || lesson.array.source_rc[2 * at] < 0 ? -1 : at;
-}
-
-// --- the stages ------------------------------------------------------------------------------------
-
-/** @type {Record<string, StageCode>} */
-export const FLATTENING_STAGES = {
-  sampling: {
-    probe: "image",
-    start: detailStart,
-    facts: ({ flattening: f }) => [
-      ["Samples", String(f.levels[0].points)],
-      [
-        "d on the cloth",
-        `${number(f.levels[0].interval_px, 0)} px ≈ ${mm(f.levels[0].interval_px * f.pixel_pitch_mm, 0)}`,
-      ],
-      ["Cloth in the image", `${number(f.surface_px, 0)} px`],
-      ["Distance", mm(f.depth_mm, 0)],
-    ],
-    draw(sheet, rect, { flattening: lesson }, ui) {
-      onImage(sheet, rect, lesson, ui, (map, size) =>
-        sheet.dots(map, lesson.levels[0].xy, dotSize(size), sheet.color.sample),
-      );
-    },
-  },
-  pairs: {
-    probe: "image",
-    start: detailStart,
-    facts: ({ flattening: f }) => [
-      ["Pairs used", String(f.levels[0].pairs)],
-      ["Not used", String(f.levels[0].unused)],
-      ["Mean length E", f.levels[0].mean_length_mm === null ? "–" : mm(f.levels[0].mean_length_mm)],
-      ["Connected", partsNote(f.levels[0])],
-    ],
-    draw(sheet, rect, { flattening: lesson }, ui) {
-      const level = lesson.levels[0];
-      onImage(sheet, rect, lesson, ui, (map, size) => {
-        sheet.segments(map, level.xy, level.edges, sheet.color.pair, size === 1 ? 1 : 2.2);
-        sheet.segments(map, level.xy, level.unusedPairs, sheet.color.unused, size === 1 ? 1 : 2.2);
-        sheet.dots(map, level.xy, dotSize(size), sheet.color.point);
-      });
-    },
-  },
-  initial_state: {
-    facts: ({ flattening: f }) => {
-      const level = f.levels[0];
-      const strain = strains(level, level.states[0]);
-      const short = strain.filter((s) => s < -0.01).length / Math.max(1, strain.length);
-      return [
-        ["H", `${threeDigits(level.energy_mm2[0])} mm²`],
-        ["Error of a pair (rms)", mm(rms(level, level.energy_mm2[0]), 2)],
-        ["Too short by 1 % or more", `${number(100 * short, 0)} %`],
-        ["Connected", partsNote(level)],
-      ];
-    },
-    draw(sheet, rect, { flattening: lesson }) {
-      const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
-      const plane = sheet.titled(left, "The plane", "every sample at its pixel");
-      const { strain } = statePane(sheet, plane, lesson.levels[0], 0, "coarse");
-      histogram(sheet, sheet.titled(right, "Lengths"), strain, 25);
-    },
-  },
-  minimisation: {
-    plays: ({ flattening: f }) => f.levels.reduce((sum, level) => sum + level.states.length, 0) - 1,
-    facts: ({ flattening: f }, ui) => minimisationFacts(...levelAt(f, ui.time)),
-    draw: (sheet, rect, { flattening: f }, ui) => drawMinimisation(sheet, rect, ...levelAt(f, ui.time)),
-  },
-  triangulation: {
-    probe: "mesh",
-    start: ({ flattening: f }) => {
-      const box = boxOfPoints(lastOf(lastOf(f.levels).states));
-      return [(box.left + box.right) / 2, box.top + 0.3 * (box.bottom - box.top)];
-    },
-    facts: ({ flattening: f }) => [
-      ["Triangles", String(f.triangles)],
-      ["Samples", String(lastOf(f.levels).main_points)],
-      ["Area", cm2(f.area_cm2)],
-    ],
-    draw(sheet, rect, { flattening: lesson }, ui) {
-      const level = lastOf(lesson.levels);
-      const points = lastOf(level.states);
-      const sides = trianglePairs(lesson, level);
-      withDetail(sheet, rect, "mesh", "The plane", boxOfPoints(points), ui, (map, size) => {
-        fillTriangles(sheet, map, points, lesson, level);
-        sheet.segments(map, points, sides, sheet.color.accent, size === 1 ? 0.6 : 1.4);
-        if (size > 1) sheet.dots(map, points, 2.6, sheet.color.text);
-        sheet.scaleBar(map);
-      });
-    },
-  },
-  flattened_view: {
-    probe: "flat",
-    start: ({ flattening: f }) => middleOf(f.flat, (i) => f.array.source_rc[2 * i] >= 0),
-    layers: { color: "Color", height: "Height z", normal: "Normal", truth: "Error" },
-    facts({ flattening: lesson }, ui) {
-      const at = probed(lesson, ui);
-      /** @param {Numbers} array @param {number} scale @param {number} decimals */
-      const three = (array, scale, decimals) =>
-        at < 0 ? "–" : [0, 1, 2].map((i) => number(array[3 * at + i] * scale, decimals)).join(" ");
-      const others = lesson.parts_cm2.slice(1);
-      return [
-        ["r, g, b", three(lesson.array.rgb, 1, 0)],
-        ["x, y, z", at < 0 ? "–" : `${three(lesson.array.xyz_mm, 1, 0)} mm`],
-        ["normal", three(lesson.array.normal_percent, 0.01, 2)],
-        lesson.array.error_mm ? ["Error by the kit", `${mm(lesson.array.error_mm[at])}; purple: 20 mm`] : null,
-        ["Area", cm2(lesson.area_cm2)],
-        ["Pixel of F", mm(1000 * lesson.flat.pixel_size_m)],
-        others.length ? ["Other parts", others.map((x) => number(x, 0)).join(", ") + " cm²"] : null,
-        lesson.folded_share > 0.03
-          ? ["Folded", `${number(100 * lesson.folded_share, 0)} % lies on itself: not to be used`]
-          : null,
-      ];
-    },
-    draw(sheet, rect, { flattening: lesson }, ui) {
-      const image = lesson.picture.image;
-      const share = shareOf(imageBox(image), rect, 0.25, 0.45);
-      const [left, right] = columns(rect, [share, 1 - share]);
-      const [title, flatTitle] = [`Image of view ${lesson.view_index}`, "Flattened view F(u, v)"];
-      const from = sheet.image("image", image, imageBox(image), sheet.titled(left, title));
-      const flat = lesson.picture[ui.layer ?? "color"];
-      const onto = sheet.image("flat", flat, boxOf(lesson.flat), sheet.titled(right, flatTitle), { bar: true });
-      const at = probed(lesson, ui);
-      if (at < 0) return;
-      const [line, col] = lesson.array.source_rc.subarray(2 * at, 2 * at + 2);
-      const [a, b] = [from.at(col, line), onto.at(...ui.at)];
-      sheet.line(a, b, sheet.color.mark, 1, [4, 4]);
-      sheet.within(from.rect, () => sheet.cross(a, sheet.color.mark));
-      sheet.within(onto.rect, () => sheet.cross(b, sheet.color.mark));
-    },
-  },
-};
-
-// --- States of the minimisation ----------------------------------------------------------------
-
-const STRAIN_SPAN = 0.2; // relative errors beyond have the last color
+const DETAIL = 4; // how much larger the detail is drawn, at least
+const STRAIN_SPAN = 0.2; // relative errors of length beyond have the last color
 const CLASSES = 9;
-const BARS = 24;
 
-export const threeDigits = (/** @type {number} */ value) => number(value, value >= 100 ? 0 : value >= 10 ? 1 : 2);
+/** A view as it is named everywhere: its number, and its angle. @param {Lesson} lesson @param {number} view */
+export const viewName = (lesson, view) => `view ${view} (${degrees(lesson.angles_deg[view], 0)})`;
 
-function strainColor(/** @type {Sheet} */ sheet, /** @type {number} */ strain) {
-  const share = within(strain / STRAIN_SPAN, -1, 1);
-  const even = rgbOf(sheet.color.even);
-  const end = rgbOf(share < 0 ? sheet.color.short : sheet.color.long);
-  return hex(even.map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c))));
+/** The index of the place of [x0, y0, x1, y1, ...] that is nearest. */
+function nearestOf(/** @type {Numbers} */ places, /** @type {UV} */ [x, y]) {
+  let [best, least] = [0, Infinity];
+  for (let i = 0; i < places.length; i += 2) {
+    const far = Math.hypot(places[i] - x, places[i + 1] - y);
+    if (far < least) [best, least] = [i / 2, far];
+  }
+  return best;
+}
+
+/** The middles of groups of so many of the places [x0, y0, x1, y1, ...]. */
+function middlesOf(/** @type {Numbers} */ places, /** @type {number[]} */ groups, /** @type {number} */ size) {
+  const middles = new Float32Array((2 * groups.length) / size);
+  groups.forEach((k, i) => {
+    for (const axis of [0, 1]) middles[2 * Math.floor(i / size) + axis] += places[2 * k + axis] / size;
+  });
+  return middles;
 }
 
 /**
- * @param {Sheet} sheet @param {PaneMap} map @param {Level} level @param {Numbers} points
- * @param {Float32Array} strain
+ * A part of a pane around a place, larger; its frame is drawn on the whole. Returns its map.
+ * @param {Sheet} sheet @param {PaneMap} whole @param {Box} box @param {Rect} rect @param {UV} at
+ * @param {(map: PaneMap) => void} draw
  */
-function drawPairsByStrain(sheet, map, level, points, strain) {
-  const width = within((0.12 * level.interval_px * map.scaleX) / 1000, 1, 2.4);
-  for (let c = 0; c < CLASSES; c++) {
-    const low = c === 0 ? -Infinity : STRAIN_SPAN * ((2 * c) / CLASSES - 1);
-    const high = c === CLASSES - 1 ? Infinity : STRAIN_SPAN * ((2 * (c + 1)) / CLASSES - 1);
-    const color = strainColor(sheet, STRAIN_SPAN * ((2 * c + 1) / CLASSES - 1));
-    sheet.segments(map, points, level.mainEdges, color, width, (e) => strain[e] >= low && strain[e] < high);
-  }
+function showDetail(sheet, whole, box, rect, at, draw) {
+  const scale = Math.max(DETAIL * whole.scale[0], rect.w / (box.right - box.left));
+  const [across, down] = [rect.w / (2 * scale), rect.h / (2 * scale)];
+  const x = within(at[0], box.left + across, box.right - across);
+  const y = within(at[1], box.top + down, box.bottom - down);
+  const part = { left: x - across, right: x + across, top: y - down, bottom: y + down };
+  const [[x0, y0], [x1, y1]] = [whole.at(part.left, part.top), whole.at(part.right, part.bottom)];
+  sheet.clipped(whole.rect, () => sheet.frame({ x: x0, y: y0, w: x1 - x0, h: y1 - y0 }, sheet.color.text));
+  return sheet.show("detail", part, rect, { margin: 0 }, draw);
 }
 
-/** @param {Sheet} sheet @param {Rect} rect @param {Float32Array} strain */
-export function histogram(sheet, rect, strain, most = 60) {
-  const span = 1.25 * STRAIN_SPAN;
-  const edges = Array.from({ length: BARS + 1 }, (_, i) => 100 * span * ((2 * i) / BARS - 1));
-  const counts = new Array(BARS).fill(0);
-  for (const s of strain) counts[within(Math.floor(((s / span + 1) / 2) * BARS), 0, BARS - 1)] += 1;
-  const shares = counts.map((n) => (100 * n) / Math.max(1, strain.length));
-  const plot = new Plot(sheet, rect, {
-    x: [-100 * span, 100 * span],
-    y: [0, most],
-    xLabel: "error of length (%)",
-    yLabel: "share of the pairs (%)",
+/** @type {StageCode<FlatteningLesson>} */
+const overview = {
+  draw(sheet, rect, lesson) {
+    const { image, color } = lesson.picture;
+    const [left, right] = columns(rect, [1, 1]);
+    sheet.image("image", image, imageBox(image), sheet.titled(left, "One of the views", "as the item hangs"));
+    const inner = sheet.titled(right, "The same cloth, flat", "to grow by the others");
+    sheet.image("flat", color, boxOf(lesson.flat), inner);
+    return [
+      ["Views", String(lesson.angles_deg.length)],
+      ["The first one shows", cm2(lesson.area_cm2)],
+      ["It is seen at", degrees(lesson.angles_deg[lesson.view_index], 0)],
+    ];
+  },
+};
+
+/** @type {StageCode<FlatteningLesson>} */
+const samples = {
+  probe: "image",
+  /** At a pair that is not used, so that a reason to look is seen. */
+  start({ array: { samples_xy: xy, unused_pairs: unused } }) {
+    const k = unused[2 * Math.floor(unused.length / 4)] ?? 0;
+    return [xy[2 * k], xy[2 * k + 1]];
+  },
+  draw(sheet, rect, lesson, { at }) {
+    const { samples_xy: xy, pairs, unused_pairs: unused, length_mm: length } = lesson.array;
+    const { image } = lesson.picture;
+    const all = [...pairs, ...unused];
+    const pointed = nearestOf(middlesOf(xy, all, 2), at);
+    const draw = (/** @type {PaneMap} */ map, size = 1) => {
+      sheet.picture(map, image, box, 0.5);
+      sheet.segments(map, xy, pairs, sheet.color.pair, size);
+      sheet.segments(map, xy, unused, sheet.color.unused, size);
+      sheet.segments(map, xy, all.slice(2 * pointed, 2 * pointed + 2), sheet.color.mark, 3 * size);
+      sheet.dots(map, xy, 1.7 * size, sheet.color.point);
+    };
+    const box = imageBox(image);
+    const share = shareOf(box, rect);
+    const [left, right] = columns(rect, [share, 1 - share]);
+    const whole = sheet.show("image", box, sheet.titled(left, `View ${lesson.view_index}`), {}, draw);
+    const inner = sheet.titled(right, "Detail", "move the pointer over the left");
+    showDetail(sheet, whole, box, inner, at, (map) => draw(map, 2.2));
+    const d = lesson.parameters.sampling_interval_px;
+    return [
+      ["Samples", String(xy.length / 2)],
+      ["d on the cloth", `${number(d, 0)} px ≈ ${mm(d * lesson.pixel_pitch_mm, 0)}`],
+      ["Pairs used", String(length.length)],
+      ["Not used", String(unused.length / 2)],
+      ["Pair at the pointer", pointed < length.length ? `E = ${mm(length[pointed])}` : "not used, B = 0"],
+    ];
+  },
+};
+
+// --- the minimisation ------------------------------------------------------------------------------
+
+/** The courses of the minimisation: of the coarse samples, then of the fine ones. @returns {Course[]} */
+const coursesOf = (/** @type {FlatteningLesson} */ { array }) =>
+  ["0", "1"]
+    .filter((n) => array[`states_${n}`])
+    .map((n) => ({
+      energy: array[`energy_mm2_${n}`],
+      states: partsOf(array[`states_${n}`], array[`states_${n}`].length / array[`energy_mm2_${n}`].length),
+      pairs: array[`state_pairs_${n}`],
+      length: array[`state_length_${n}`],
+    }));
+
+/** Relative error of length of every pair: below 0 too short, above too long. */
+const strainsOf = (/** @type {Course} */ { pairs, length }, /** @type {Numbers} */ uv) =>
+  length.map((e, i) => {
+    const [a, b] = [2 * pairs[2 * i], 2 * pairs[2 * i + 1]];
+    return Math.hypot(uv[a] - uv[b], uv[a + 1] - uv[b + 1]) / e - 1;
   });
-  plot.bars(edges, shares, (percent) => strainColor(sheet, percent / 100));
-  plot.vertical(0, sheet.color.soft, "", 1, [3, 3]);
+
+function strainColor(/** @type {Sheet} */ sheet, /** @type {number} */ strain) {
+  const share = within(strain / STRAIN_SPAN, -1, 1);
+  const end = rgbOf(share < 0 ? sheet.color.short : sheet.color.long);
+  return hex(rgbOf(sheet.color.even).map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c))));
 }
 
-/** @param {Sheet} sheet @param {Rect} rect @param {Level} level @param {number} time @param {number} now */
-function energyPlot(sheet, rect, level, time, now) {
-  const all = level.energy_mm2;
-  const low = 10 ** Math.floor(Math.log10(Math.max(1e-3, Math.min(...all)) * 0.8));
-  const high = 10 ** Math.ceil(Math.log10(Math.max(...all, 10 * low) * 1.2));
-  const iterations = all.length - 1;
-  const plot = new Plot(sheet, rect, {
-    x: [0, Math.max(1, iterations)],
-    y: [low, high],
-    log: true,
-    xLabel: "iteration",
-    yLabel: "H (mm²)",
-  });
-  const xs = all.map((_, i) => i);
-  plot.curve(xs, all, sheet.color.accent);
-  for (const x of xs) sheet.ring(plot.at(x, all[x]), 2, sheet.color.accent, 2);
-  sheet.ring(plot.at(iterationAt(level, time), now), 6, sheet.color.mark, 3);
-}
-
-/** @param {Sheet} sheet @param {Rect} rect @param {Level} level @param {number} time @param {string} key */
-export function statePane(sheet, rect, level, time, key) {
+/** @param {Sheet} sheet @param {Rect} rect @param {Course} course @param {Float32Array} uv @param {Float32Array} strain */
+function drawState(sheet, rect, { states, pairs }, uv, strain) {
   // All states in one frame, so that nothing jumps while they are played.
-  const box = union(boxOfPoints(level.states[0]), boxOfPoints(lastOf(level.states)));
-  const points = between(level.states, time);
-  const strain = strains(level, points);
-  sheet.show(key, box, rect, { margin: 10, bar: true }, (map) => {
-    drawPairsByStrain(sheet, map, level, points, strain);
-    const radius = within((0.14 * level.interval_px * map.scaleX) / 1000, 0.6, 2.6);
-    sheet.dots(map, points, radius, sheet.color.text);
-  });
-  return { strain, now: energy(level, strain) };
-}
-
-/** @param {Level} level @param {number} h */
-export const rms = (level, h) => Math.sqrt(h / Math.max(1, level.mainLength.length));
-export const planeShare = 0.46;
-
-/** @param {Sheet} sheet @param {Rect} rect @param {Level} level @param {number} time */
-export function drawMinimisation(sheet, rect, level, time) {
-  const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
-  const name = `${level.name} samples, iteration ${number(iterationAt(level, time), 0)}`;
-  const { strain, now } = statePane(sheet, sheet.titled(left, "The plane", name), level, time, level.name);
-  const [top, bottom] = rows(right, [1.1, 1]);
-  energyPlot(sheet, sheet.titled(top, "Energy"), level, time, now);
-  histogram(sheet, sheet.titled(bottom, "Lengths"), strain);
-}
-
-/** @returns {Fact[]} */
-export function minimisationFacts(/** @type {Level} */ level, /** @type {number} */ time) {
-  const now = energy(level, strains(level, between(level.states, time)));
-  const [first, last] = [level.energy_mm2[0], lastOf(level.energy_mm2)];
-  return [
-    ["Samples", `${level.points}, ${level.name}`],
-    ["Iteration", `${number(iterationAt(level, time), 0)} of ${level.energy_mm2.length - 1}`],
-    ["H now", `${threeDigits(now)} mm²`],
-    ["H, first to last", `${threeDigits(first)} → ${threeDigits(last)} mm²`],
-    ["Error of a pair (rms)", mm(rms(level, now), 2)],
-  ];
-}
-
-export const partsNote = (/** @type {Level} */ level) =>
-  level.parts > 1 ? `${count(level.parts, "part")}; the largest is shown` : "1 part";
-
-export function trianglePairs(/** @type {Lesson} */ lesson, /** @type {Level} */ level) {
-  const triangles = lesson.array.triangles;
-  const pairs = new Int32Array(2 * triangles.length);
-  for (let i = 0; i < triangles.length; i += 3) {
-    const [a, b, c] = [0, 1, 2].map((k) => level.local[triangles[i + k]]);
-    pairs.set([a, b, b, c, c, a], 2 * i);
-  }
-  return pairs;
-}
-
-/** @param {Sheet} sheet @param {PaneMap} map @param {Numbers} points @param {Lesson} lesson @param {Level} level */
-export function fillTriangles(sheet, map, points, lesson, level) {
-  const context = sheet.context;
-  const triangles = lesson.array.triangles;
-  context.beginPath();
-  for (let i = 0; i < triangles.length; i += 3) {
-    for (let k = 0; k < 3; k++) {
-      const p = 2 * level.local[triangles[i + k]];
-      const place = map.at(points[p], points[p + 1]);
-      if (k === 0) context.moveTo(...place);
-      else context.lineTo(...place);
+  const box = union(boxOfPoints(states[0]), boxOfPoints(lastOf(states)));
+  sheet.show("plane", box, rect, { margin: 10, bar: true }, (map) => {
+    for (let c = 0; c < CLASSES; c++) {
+      const [low, high] = [c, c + 1].map((n) => STRAIN_SPAN * ((2 * n) / CLASSES - 1));
+      const color = strainColor(sheet, (low + high) / 2);
+      const isIn = (/** @type {number} */ s) => (c === 0 || s >= low) && (c === CLASSES - 1 || s < high);
+      sheet.segments(map, uv, pairs, color, 1.4, (e) => isIn(strain[e]));
     }
-    context.closePath();
-  }
-  context.save();
-  context.globalAlpha = 0.14;
-  context.fillStyle = sheet.color.accent;
-  context.fill();
-  context.restore();
+    sheet.dots(map, uv, 1.4, sheet.color.text);
+  });
 }
+
+/** @param {Sheet} sheet @param {Rect} rect @param {Course[]} courses @param {number} time @param {number} now */
+function drawEnergy(sheet, rect, courses, time, now) {
+  const log = (/** @type {number} */ h) => Math.log10(Math.max(h, 1e-3));
+  const all = courses.flatMap(({ energy }) => [...energy].map(log));
+  const [least, most] = [Math.floor(Math.min(...all) - 0.1), Math.ceil(Math.max(...all) + 0.1)];
+  const labels = { log: true, xLabel: "iteration, coarse and then fine", yLabel: "H (mm²)" };
+  const plot = new Plot(sheet, rect, [0, Math.max(1, all.length - 1)], [least, most], labels);
+  plot.curve([...all.keys()], all, sheet.color.accent);
+  all.forEach((h, n) => sheet.ring(plot.at(n, h), 2, sheet.color.accent, 2));
+  sheet.ring(plot.at(time, log(now)), 6, sheet.color.mark, 3);
+}
+
+/** @type {StageCode<FlatteningLesson>} */
+const minimisation = {
+  plays: (lesson) => coursesOf(lesson).reduce((sum, { energy }) => sum + energy.length, -1),
+  draw(sheet, rect, lesson, { time }) {
+    const courses = coursesOf(lesson);
+    const isFine = time >= courses[0].energy.length;
+    const course = courses[Number(isFine)];
+    const own = isFine ? time - courses[0].energy.length : Math.min(time, course.energy.length - 1);
+    const uv = between(course.states, own);
+    const strain = strainsOf(course, uv);
+    const now = strain.reduce((sum, s, e) => sum + (1000 * s * course.length[e]) ** 2, 0);
+    const [left, right] = columns(rect, [1.2, 1]);
+    const name = `${isFine ? "fine" : "coarse"} samples, iteration ${number(own, 0)}`;
+    drawState(sheet, sheet.titled(left, "The plane", name), course, uv, strain);
+    drawEnergy(sheet, sheet.titled(right, "Energy"), courses, isFine ? time : own, now);
+    return [
+      ["Iteration", `${number(own, 0)} of ${course.energy.length - 1}`],
+      ["H now", `${number(now, 1)} mm²`],
+      ["Error of a pair (rms)", mm(Math.sqrt(now / (course.length.length || 1)), 2)],
+    ];
+  },
+};
+
+// --- the flattened view ----------------------------------------------------------------------------
+
+/** The triangle at a place of the plane: its corners, and their weights there. */
+function triangleAt(
+  /** @type {FlatteningLesson} */ { array: { triangles, corners_uv: uv } },
+  /** @type {UV} */ [u, v],
+) {
+  for (let i = 0; i < triangles.length; i += 3) {
+    const corners = [0, 1, 2].map((k) => triangles[i + k]);
+    const [x, y] = [0, 1].map((axis) => corners.map((k) => uv[2 * k + axis]));
+    const twice = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]);
+    const weights = [1, 2, 0].map((a, k) => {
+      const b = (k + 2) % 3;
+      return ((x[a] - u) * (y[b] - v) - (x[b] - u) * (y[a] - v)) / twice;
+    });
+    if (weights.every((w) => w >= 0)) return { corners, weights };
+  }
+  return null;
+}
+
+/** @type {StageCode<FlatteningLesson>} */
+const flattened = {
+  probe: "flat",
+  start({ array: { triangles, corners_uv: uv } }) {
+    const middles = middlesOf(uv, [...triangles], 3);
+    const { left, top, right, bottom } = boxOfPoints(middles);
+    const best = nearestOf(middles, [(left + right) / 2, (top + bottom) / 2]);
+    return [middles[2 * best], middles[2 * best + 1]];
+  },
+  draw(sheet, rect, lesson, { at }) {
+    const { image, color } = lesson.picture;
+    const { triangles, corners_uv: uv, corners_xy: xy, xyz_mm } = lesson.array;
+    const [box, flat] = [imageBox(image), boxOf(lesson.flat)];
+    const [left, middle, right] = columns(rect, [shareOf(box, rect, 0.2, 0.3), shareOf(flat, rect, 0.2, 0.4), 0.3]);
+    const from = sheet.image("image", image, box, sheet.titled(left, `View ${lesson.view_index}`));
+    const onto = sheet.image("flat", color, flat, sheet.titled(middle, "Flattened view F(u, v)"), { bar: true });
+    const sides = [...triangles].flatMap((k, i) => [k, triangles[i % 3 === 2 ? i - 2 : i + 1]]);
+    const detail = showDetail(sheet, onto, flat, sheet.titled(right, "Detail", "with triangles"), at, (map) => {
+      sheet.picture(map, color, flat, 0.6);
+      sheet.segments(map, uv, sides, sheet.color.text, 1);
+    });
+    const found = triangleAt(lesson, at);
+    const mark = (/** @type {PaneMap} */ map, /** @type {Numbers} */ of, radius = 8) => {
+      const corners = (found?.corners ?? []).map((k) => map.at(of[2 * k], of[2 * k + 1]));
+      const sum = (/** @type {number} */ axis) =>
+        corners.reduce((x, c, k) => x + c[axis] * (found?.weights[k] ?? 0), 0);
+      sheet.clipped(map.rect, () => {
+        sheet.fill(sheet.color.mark, (to) => corners.forEach((corner) => to.lineTo(...corner)), 0.5);
+        if (found) sheet.ring([sum(0), sum(1)], radius, sheet.color.mark);
+      });
+    };
+    mark(from, xy);
+    mark(onto, uv);
+    mark(detail, uv, 2);
+    const pixel = found ? pixelAt(lesson.flat, ...at) : -1;
+    const place = [...xyz_mm.subarray(3 * pixel, 3 * pixel + 3)].map((x) => number(x, 0)).join(" ");
+    return [
+      ["Lies on itself", percent(lesson.folded_share)],
+      ["Weights", found ? found.weights.map((w) => number(w, 2)).join(" ") : "–"],
+      ["x, y, z", pixel < 0 ? "–" : `${place} mm`],
+    ];
+  },
+};
+
+// --- the start view --------------------------------------------------------------------------------
+
+/** @type {StageCode<StartLesson>} */
+const start = {
+  draw(sheet, rect, lesson) {
+    const { array, angles_deg: angles, view_index: chosen, tried } = lesson;
+    const { color } = sheet;
+    const [top, bottom] = rows(rect, [1, 1.2]);
+    const [first, last] = [Math.min(...angles), Math.max(...angles)];
+    const half = (last - first) / Math.max(1, angles.length - 1) / 2;
+    const inner = sheet.titled(top, "Cloth that each view shows", "by its angle");
+    const most = 1.1 * Math.max(1, ...array.area_cm2);
+    const labels = { xLabel: "angle (°)", yLabel: "cm²" };
+    const plot = new Plot(sheet, inner, [first - half, last + half], [0, most], labels);
+    const bar = (/** @type {number} */ view, /** @type {number} */ height, /** @type {string} */ look) =>
+      plot.block([angles[view] - half, angles[view] + half], [0, height], look);
+    array.area_cm2.forEach((area, view) => bar(view, area, color.line));
+    for (const { view, part_cm2: part } of tried)
+      bar(view, part || array.area_cm2[view], !part ? color.unused : view === chosen ? color.accent : color.soft);
+    const { image, color: flat } = lesson.picture;
+    const [left, right] = columns(bottom, [1, 1]);
+    sheet.image("image", image, imageBox(image), sheet.titled(left, `Image of ${viewName(lesson, chosen)}`));
+    sheet.image("flat", flat, boxOf(lesson.flat), sheet.titled(right, "Flattened view", "the first shape"));
+    return [
+      ["Start view", viewName(lesson, chosen)],
+      ["Views flattened", String(tried.length)],
+    ];
+  },
+};
+
+/** By the names of stages.html. */
+export const FLATTENING_STAGES = { overview, samples, minimisation, flattened, start };

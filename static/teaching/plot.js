@@ -1,181 +1,91 @@
-// Plots of the teaching mode: curves over columns or iterations, bars, and a map of costs.
+// Plots of the teaching mode: curves and bars over two axes.
 
 import { number } from "../page/format.js";
 import { inset } from "./draw.js";
 
 /** Round numbers that divide a range into about `count` steps. */
-export function ticks(/** @type {number} */ low, /** @type {number} */ high, count = 5) {
+function ticks(/** @type {number} */ low, /** @type {number} */ high, count = 5) {
   const rough = Math.max(1e-12, (high - low) / count);
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= 0.999 * rough) ?? rough;
-  const found = [];
-  for (let t = Math.ceil(low / step - 1e-9) * step; t <= high + 1e-9 * step; t += step)
-    found.push(Math.abs(t) < 1e-9 * step ? 0 : t);
-  return found;
+  const first = Math.ceil(low / step - 1e-9);
+  return Array.from({ length: Math.floor(high / step + 1e-9) - first + 1 }, (_, i) => (first + i) * step);
 }
 
-const decimals = (/** @type {number[]} */ values) => (values.length > 1 && values[1] - values[0] < 1 ? 1 : 0);
-
-/** One plot: two axes, y up. `y2` is a second scale at the right. */
+/** One plot: two axes, y up, on which `log` values are given by their logarithms. */
 export class Plot {
-  constructor(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @type {PlotOptions} */ options) {
-    const { x, y, y2 = null, log = false, xAxis = true } = options;
-    const em = sheet.em;
+  /** @param {Sheet} sheet @param {Rect} rect @param {UV} x @param {UV} y @param {PlotOptions} options */
+  constructor(sheet, rect, x, y, { log = false, key = "plot", xLabel = "", yLabel = "", color = sheet.color.soft }) {
+    const { em } = sheet;
+    const inner = (this.inner = inset(rect, 3.9 * em, 1.9 * em, 0.8 * em, (xLabel ? 3.1 : 0.6) * em));
     this.sheet = sheet;
-    this.log = log;
-    this.inner = inset(rect, 3.9 * em, 1.9 * em, y2 ? 3.7 * em : 0.8 * em, (xAxis ? 3.1 : 0.6) * em);
-    this.x = x;
-    this.y = y;
-    this.y2 = y2;
-    this.axes(options);
-  }
-
-  px(/** @type {number} */ value) {
-    const [low, high] = this.x;
-    return this.inner.x + (this.inner.w * (value - low)) / (high - low || 1);
-  }
-
-  py(/** @type {number} */ value, /** @type {UV | null} */ scale = this.y) {
-    const ends = scale ?? this.y;
-    const [low, high] = this.log ? ends.map(Math.log10) : ends;
-    const at = this.log ? Math.log10(Math.max(value, 1e-12)) : value;
-    return this.inner.y + this.inner.h * (1 - (at - low) / (high - low || 1));
-  }
-
-  /** @param {number} x @param {number} y @param {UV | null} [scale] of the second axis @returns {UV} */
-  at(x, y, scale) {
-    return [this.px(x), this.py(y, scale)];
-  }
-
-  axes(/** @type {PlotOptions} */ { xLabel = "", yLabel = "", y2Label = "", yColor, y2Color, yTicks, xAxis = true }) {
-    const { sheet, inner, y2 } = this;
-    const { soft, line } = sheet.color;
-    const em = sheet.em;
-    const [right, bottom] = [inner.x + inner.w, inner.y + inner.h];
+    const box = { left: x[0], right: x[1], top: y[1], bottom: y[0] };
+    this.map = sheet.pane(key, box, inner, { margin: 0, stretch: true });
     sheet.frame(inner);
-    /** @type {(text: string, x: number, y: number, look: TextLook) => void} */
-    const write = (text, x, y, look) => sheet.text(text, x, y, { color: soft, size: 0.85, ...look });
-    const left = /** @type {TextLook} */ ({ color: yColor ?? soft, align: "right", baseline: "middle" });
-    const yt = yTicks ?? (this.log ? decades(this.y) : ticks(...this.y));
-    for (const t of yt) {
-      const y = this.py(t);
-      sheet.line([inner.x, y], [right, y], line, 1);
-      write(this.log ? power(t) : number(t, decimals(yt)), inner.x - 6, y, left);
+    const some = ticks(...y, Math.max(1, Math.min(5, inner.h / (2 * em))));
+    for (const t of log ? some.filter(Number.isInteger) : some) {
+      this.horizontal(t, sheet.color.line, 1);
+      const text = log ? number(10 ** t, Math.max(0, -t)) : number(t, Math.abs(y[1] - y[0]) < 3 ? 1 : 0);
+      const look = /** @type {TextLook} */ ({ color, size: 0.85, align: "right", baseline: "middle" });
+      sheet.text(text, inner.x - 6, this.at(0, t)[1], look);
     }
-    const y2t = y2 ? ticks(...y2) : [];
-    for (const t of y2t)
-      write(number(t, decimals(y2t)), right + 6, this.py(t, y2), { color: y2Color ?? soft, baseline: "middle" });
-    if (xAxis) {
-      const below = /** @type {TextLook} */ ({ align: "center", baseline: "top" });
-      const xt = ticks(...this.x, Math.max(2, Math.round(inner.w / (7 * em))));
-      for (const t of xt) write(number(t, decimals(xt)), this.px(t), bottom + 0.4 * em, below);
-      write(xLabel, inner.x + inner.w / 2, bottom + 1.75 * em, below);
-    }
-    write(yLabel, inner.x, inner.y - 0.55 * em, { color: yColor ?? soft });
-    if (y2Label) write(y2Label, right, inner.y - 0.55 * em, { color: y2Color ?? soft, align: "right" });
+    sheet.text(yLabel, inner.x, inner.y - 0.55 * em, { color, size: 0.85 });
+    if (xLabel) this.xAxis(x, xLabel);
+  }
+
+  xAxis(/** @type {UV} */ x, /** @type {string} */ label) {
+    const { sheet, inner } = this;
+    const look = /** @type {TextLook} */ ({ color: sheet.color.soft, size: 0.85, align: "center", baseline: "top" });
+    const bottom = inner.y + inner.h;
+    for (const t of ticks(...x, Math.max(3, Math.round(inner.w / (7 * sheet.em)))))
+      sheet.text(number(t, 0), this.at(t, 0)[0], bottom + 0.4 * sheet.em, look);
+    sheet.text(label, inner.x + inner.w / 2, bottom + 1.75 * sheet.em, look);
+  }
+
+  at(/** @type {number} */ x, /** @type {number} */ y) {
+    return this.map.at(x, y);
   }
 
   /**
-   * A curve over arrays; NaN makes a gap.
-   * @param {Numbers} xs @param {Numbers} ys @param {string} color
-   * @param {{ width?: number; scale?: UV | null; dash?: number[] }} parts
+   * A curve over arrays; null makes a gap.
+   * @param {Numbers} xs @param {ArrayLike<number | null>} ys @param {string} color @param {number[]} dash
    */
-  curve(xs, ys, color, { width = 2, scale, dash = [] } = {}) {
-    const context = this.sheet.context;
-    this.sheet.within(inset(this.inner, -1), () => {
-      context.setLineDash(dash);
-      context.beginPath();
-      let down = false;
-      for (let i = 0; i < xs.length; i++) {
-        if (!Number.isFinite(ys[i])) {
-          down = false;
-          continue;
-        }
-        const place = this.at(xs[i], ys[i], scale);
-        if (down) context.lineTo(...place);
-        else context.moveTo(...place);
-        down = true;
+  curve(xs, ys, color, width = 2, dash = []) {
+    let part = /** @type {UV[]} */ ([]);
+    this.sheet.clipped(inset(this.inner, -1), () => {
+      for (let i = 0; i <= xs.length; i++) {
+        const y = ys[i] ?? null;
+        if (y !== null) part.push(this.at(xs[i], y));
+        else part = (this.sheet.path(part, color, width, dash), []);
       }
-      context.strokeStyle = color;
-      context.lineWidth = width * this.sheet.weight;
-      context.lineJoin = "round";
-      context.stroke();
     });
   }
 
   /** The area under a curve, between two indices. @param {Numbers} xs @param {Numbers} ys @param {string} color */
-  area(xs, ys, color, from = 0, to = xs.length - 1, /** @type {UV | null} */ scale = this.y, alpha = 0.3) {
-    const ground = this.py(Math.max(0, (scale ?? this.y)[0]), scale);
-    const context = this.sheet.context;
-    this.sheet.within(this.inner, () => {
-      context.globalAlpha = alpha;
-      context.fillStyle = color;
-      context.beginPath();
-      context.moveTo(this.px(xs[from]), ground);
-      for (let i = from; i <= to; i++) context.lineTo(...this.at(xs[i], Number.isFinite(ys[i]) ? ys[i] : 0, scale));
-      context.lineTo(this.px(xs[to]), ground);
-      context.fill();
-    });
+  area(xs, ys, color, from = 0, to = xs.length - 1, alpha = 0.3) {
+    const path = (/** @type {Context} */ context) => {
+      context.moveTo(...this.at(xs[from], 0));
+      for (let i = from; i <= to; i++) context.lineTo(...this.at(xs[i], ys[i] || 0));
+      context.lineTo(...this.at(xs[to], 0));
+    };
+    this.sheet.fill(color, path, alpha);
   }
 
-  /** @param {number} low @param {number} high @param {string} color */
-  band(low, high, color, alpha = 0.16) {
-    const context = this.sheet.context;
-    this.sheet.within(this.inner, () => {
-      context.globalAlpha = alpha;
-      context.fillStyle = color;
-      context.fillRect(this.inner.x, this.py(high), this.inner.w, this.py(low) - this.py(high));
-    });
+  /** A bar, or a band. @param {UV} x from, to @param {UV} y from, to @param {string} color */
+  block([x0, x1], [y0, y1], color, alpha = 1) {
+    const [[left, top], [right, bottom]] = [this.at(x0, y1), this.at(x1, y0)];
+    this.sheet.fill(color, (to) => to.rect(left, top, Math.max(1, right - left - 1), bottom - top), alpha);
   }
 
-  /** @param {number} x @param {string} color @param {number[]} dash */
-  vertical(x, color, label = "", width = 2, dash = [], above = false) {
-    const { inner, sheet } = this;
-    sheet.line([this.px(x), inner.y], [this.px(x), inner.y + inner.h], color, width, dash);
-    if (label)
-      sheet.text(label, this.px(x), above ? inner.y + 1.2 * sheet.em : inner.y + inner.h - 6, {
-        color,
-        weight: 600,
-        align: "center",
-        plate: true,
-      });
+  /** @param {number} x @param {string} color */
+  vertical(x, color, width = 2, bottom = this.inner.y + this.inner.h) {
+    const [at] = this.at(x, 0);
+    this.sheet.line([at, this.inner.y], [at, bottom], color, width);
   }
 
-  horizontal(/** @type {number} */ y, /** @type {string} */ color, label = "", dash = [5, 4]) {
-    const { inner, sheet } = this;
-    sheet.line([inner.x, this.py(y)], [inner.x + inner.w, this.py(y)], color, 1.5, dash);
-    if (label)
-      sheet.text(label, inner.x + inner.w - 5, this.py(y) - 5, {
-        color,
-        align: "right",
-        weight: 600,
-        size: 0.85,
-        plate: true,
-      });
+  /** @param {number} y @param {string} color @param {number[]} dash */
+  horizontal(y, color, width = 1.5, dash = []) {
+    const [, at] = this.at(0, y);
+    this.sheet.line([this.inner.x, at], [this.inner.x + this.inner.w, at], color, width, dash);
   }
-
-  /** @param {number[]} edges @param {number[]} counts @param {(value: number) => string} colorOf */
-  bars(edges, counts, colorOf) {
-    const context = this.sheet.context;
-    counts.forEach((count, i) => {
-      const [x0, x1] = [this.px(edges[i]), this.px(edges[i + 1])];
-      const y = this.py(count);
-      context.fillStyle = colorOf((edges[i] + edges[i + 1]) / 2);
-      context.fillRect(x0 + 0.5, y, Math.max(1, x1 - x0 - 1), this.inner.y + this.inner.h - y);
-    });
-  }
-}
-
-function decades(/** @type {UV} */ [low, high]) {
-  const found = [];
-  for (let p = Math.ceil(Math.log10(low) - 1e-9); p <= Math.log10(high) + 1e-9; p++) found.push(10 ** p);
-  return found;
-}
-
-const DIGITS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
-
-function power(/** @type {number} */ value) {
-  const p = Math.round(Math.log10(value));
-  if (p >= -1 && p <= 4) return p < 0 ? "0.1" : String(10 ** p);
-  return `10${p < 0 ? "⁻" : ""}${[...String(Math.abs(p))].map((d) => DIGITS[Number(d)]).join("")}`;
 }

@@ -9,8 +9,8 @@ from tiny_recordings import few_views
 
 pytestmark = pytest.mark.browser
 
-STAGES = 23
-SAMPLING, MINIMISATION, FLATTENED, Z_ANGLE, ROTATION, SEARCH = 2, 5, 7, 9, 11, 14
+STAGES = 14
+SAMPLES, MINIMISATION, FLATTENED, ROTATION = 2, 3, 4, 6
 
 
 class Lesson:
@@ -41,6 +41,11 @@ class Lesson:
     def fact(self, name):
         return self.page.locator(f'#teaching-facts dt[data-name="{name}"] + dd').inner_text()
 
+    def changed(self, name, before):
+        """Wait until a fact is another, and return it."""
+        expect(self.page.locator(f'#teaching-facts dt[data-name="{name}"] + dd')).not_to_have_text(before)
+        return self.fact(name)
+
     def slide(self, name, key):
         """Move a slider by a key, and wait until what it leads to is drawn."""
         slider = self.page.locator(f'[data-slider="{name}"] input')
@@ -51,15 +56,9 @@ class Lesson:
         self.until(f"!t.busy && t.shown.parameters['{name}'] === {value}")
         return float(value)
 
-    def ink(self):
-        """How many colors the drawing has: a blank sheet has one or two."""
-        return self.page.evaluate(
-            """() => { const c = document.getElementById('teaching-canvas');
-                 const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
-                 const seen = new Set();
-                 for (let i = 0; i < d.length; i += 4 * 37) seen.add(d[i] << 16 | d[i + 1] << 8 | d[i + 2]);
-                 return seen.size; }"""
-        )
+    def is_drawn_on(self):
+        """Whether the sheet shows much: a picture of a blank one is small."""
+        return len(self.page.locator("#teaching-canvas").screenshot()) > 12_000
 
     def cut_off(self):
         """What of this stage a learner cannot see without scrolling."""
@@ -95,9 +94,8 @@ def program(request, program_of, tmp_path):
 
 @pytest.fixture
 def open_lesson(open_tab):
-    def open_one(width=1280, height=720, scheme="light", motion="reduce"):
+    def open_one(width=1280, height=720, scheme="light"):
         tab = open_tab(width, height, scheme)
-        tab.page.emulate_media(reduced_motion=motion, color_scheme=scheme)
         tab.until("flatcloth.phase === 'ready' && flatcloth.layerRevision > 0")
         return Lesson(tab)
 
@@ -112,59 +110,40 @@ def open_lesson(open_tab):
 def test_all_stages_by_keyboard(open_lesson, width, height, scheme):
     lesson = open_lesson(width, height, scheme).open()
     page = lesson.page
-    names = []
     for stage in range(1, STAGES + 1):
         lesson.drawn(stage)
-        names.append(lesson.status()["name"])
-        assert page.locator(".teaching-text h3:visible").inner_text() == f"{stage}. {names[-1]}"
-        assert len(page.locator(".teaching-text section:visible").inner_text()) > 80
+        assert page.locator(".teaching-text h3:visible").inner_text().startswith(f"{stage}. ")
         assert page.locator(".teaching-math math:visible").count() >= 1
-        assert page.locator("#teaching-facts dt").count() >= 3
-        assert lesson.ink() > 12, f"stage {stage} is blank"
+        assert page.locator("#teaching-facts dt").count() >= 2
+        assert lesson.is_drawn_on(), f"stage {stage} is blank"
         assert lesson.cut_off() == [], f"stage {stage}"
         lesson.tab.shoot(f"teaching-{scheme}-{stage:02d}")
         page.keyboard.press("PageDown")
-    assert len(set(names)) == STAGES
     lesson.drawn(STAGES)  # there is nothing after the last
-    page.keyboard.press("PageUp")
-    lesson.drawn(STAGES - 1)
-    page.keyboard.press("ArrowLeft")
-    lesson.drawn(STAGES - 2)
-    page.keyboard.press("ArrowRight")
-    lesson.drawn(STAGES - 1)
+    for key, stage in (("PageUp", STAGES - 1), ("ArrowLeft", STAGES - 2), ("ArrowRight", STAGES - 1)):
+        page.keyboard.press(key)
+        lesson.drawn(stage)
 
 
 def test_the_minimisation_plays_beside_its_energy(open_lesson):
-    lesson = open_lesson(motion="no-preference").open()
-    lesson.page.locator(".teaching-stage").nth(MINIMISATION - 1).click()
+    lesson = open_lesson().open()
+    lesson.go(MINIMISATION)
+    first = lesson.fact("H now")
+    assert lesson.fact("Iteration").startswith("0 of")
+    lesson.page.keyboard.press("k")
     lesson.until("t.playing && t.time > 0.2")
     lesson.page.keyboard.press("k")
-    lesson.until("!t.playing")
     lesson.drawn(MINIMISATION)
-    paused = lesson.status()["time"]
-    begun = float(lesson.fact("H now").split()[0])
-    assert lesson.page.get_by_role("button", name="Play", exact=False).first.is_visible()
-    lesson.page.keyboard.press("k")
-    lesson.until(f"t.time > {paused}")
+    now = lesson.changed("H now", first)
     slider = lesson.page.get_by_label("Place in the animation")
     slider.press("End")  # at its own pace it takes seconds
-    lesson.until("!t.playing")
-    lesson.drawn(MINIMISATION)
-    first, last = (float(x) for x in lesson.fact("H, first to last").removesuffix("mm²").split("→"))
-    assert first > last
-    assert (
-        begun >= last
-    )  # of the fine samples; a slow browser may have played to the end before the key arrived
-    assert float(lesson.fact("H now").split()[0]) == pytest.approx(last, rel=0.02)
+    energies = [float(each.split()[0]) for each in (first, now, lesson.changed("H now", now))]
+    assert energies == sorted(energies, reverse=True)
     slider.press("Home")
     lesson.until("t.time === 0")
-    lesson.page.wait_for_function(
-        "[...document.querySelectorAll('#teaching dd')].some(d => d.textContent.startsWith('0 of'))"
-    )
-    assert lesson.fact("Iteration").startswith("0 of")
 
 
-def test_sliders_panes_and_the_search_show_what_they_change(open_lesson):
+def test_sliders_and_panes_show_what_they_change(open_lesson):
     lesson = open_lesson()
     # Keys of the teaching mode say where they belong.
     lesson.page.keyboard.press("PageDown")
@@ -172,7 +151,7 @@ def test_sliders_panes_and_the_search_show_what_they_change(open_lesson):
     toast.wait_for()
     assert "Open the teaching mode first (H)." in toast.inner_text()
     toast.get_by_role("button", name="Dismiss").click()
-    lesson.open().go(SAMPLING)
+    lesson.open().go(SAMPLES)
     samples = int(lesson.fact("Samples"))
     assert lesson.slide("sampling_interval_px", "ArrowRight") == 14
     assert int(lesson.fact("Samples")) < samples
@@ -180,12 +159,14 @@ def test_sliders_panes_and_the_search_show_what_they_change(open_lesson):
     lesson.until("!t.busy && t.shown.parameters.sampling_interval_px === 12")
     assert int(lesson.fact("Samples")) == samples
 
-    lesson.go(Z_ANGLE)
-    within = lesson.fact("Within the limit")
-    assert lesson.slide("z_angle_limit_deg", "ArrowLeft") == 45
-    assert lesson.fact("Within the limit") < within
+    # A slider reaches the session's own value, also where that is beyond its range.
+    limit = lesson.page.locator('[data-slider="z_angle_limit_deg"] input')
+    limit.evaluate("(input) => { input.max = 40; }")
     lesson.go(ROTATION)
-    place = lesson.fact("u_b, A_0")
+    assert limit.input_value() == "50"
+    turn, place = lesson.fact("A, held to 10–50°"), lesson.fact("u_b, A_0")
+    assert lesson.slide("z_angle_limit_deg", "ArrowLeft") == 45
+    assert lesson.fact("A, held to 10–50°") != turn
     overlap_cm2 = lesson.page.evaluate("flatcloth.teaching.shown.parameters.overlap_cm2")
     assert lesson.slide("overlap_cm2", "End") > overlap_cm2
     assert lesson.fact("u_b, A_0") != place
@@ -195,22 +176,7 @@ def test_sliders_panes_and_the_search_show_what_they_change(open_lesson):
     assert place != "–"
     lesson.page.locator("#teaching-canvas").focus()
     lesson.page.keyboard.press("ArrowDown")
-    lesson.page.wait_for_function(
-        "(p) => document.querySelector('#teaching-facts dt[data-name=\"x, y, z\"] + dd').textContent !== p",
-        arg=place,
-    )
-    lesson.page.get_by_role("button", name="Normal").click()
-    lesson.tab.shoot("teaching-normal")
-    lesson.go(SEARCH)
-    before, after = (float(x) for x in lesson.fact("Score").split("→"))
-    # The search minimises another cost than the score, so the initial estimate may score more.
-    stands = lesson.fact("Proposed") == "the initial estimate"
-    assert after <= before if stands else after >= before
-    assert float(lesson.fact("Shifted by").split()[0]) > 0  # what is tried is followed all the same
-    assert int(lesson.fact("Places tried")) > 5000
-    # Nothing moves by itself if that is not wanted.
-    lesson.go(MINIMISATION)
-    assert lesson.status()["time"] == 0
+    lesson.changed("x, y, z", place)
     assert lesson.tab.findings() == []
 
 
@@ -266,4 +232,4 @@ def test_lessons_follow_a_cell_that_turns(open_tab):
     tab.shoot("teaching-cell-rotation")
     now = lesson.status()["shown"]["parameters"]
     assert now["overlap_cm2"] != before["overlap_cm2"], "S_0 follows from the size of the item in all views"
-    assert lesson.ink() > 20
+    assert lesson.is_drawn_on()

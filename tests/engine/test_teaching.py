@@ -11,13 +11,20 @@ from scenes import Cylinder
 from flatcloth.core.errors import AlignmentError, CancelledError, ConfigError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.teaching import KEPT, NEW, NEW_OF_BOTH, OLD_OF_BOTH, Teaching, paper_config
+from flatcloth.engine.teaching import (
+    KEPT,
+    NEW,
+    NEW_OF_BOTH,
+    OLD_OF_BOTH,
+    Teaching,
+    paper_config,
+    unused_pairs,
+)
 from flatcloth.methods.registry import method_names
 from flatcloth.session.document import Document, Pending
 from flatcloth.session.machine import Request
 
-ANGLES_DEG = tuple(10.0 * n for n in range(36))
-CLOTH = {"angles_deg": ANGLES_DEG, "span_deg": (-150.0, 60.0)}
+CLOTH = {"angles_deg": tuple(10.0 * n for n in range(36)), "span_deg": (-150.0, 60.0)}
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +48,8 @@ def paper(session: Integration, teaching: Teaching) -> Integration:
     [
         ({"sampling_interval_px": 3}, "d, the sampling interval"),
         ({"z_angle_limit_deg": 90.0}, "A_w, the measurement limit"),
-        ({"overlap_area_m2": 0.0}, "S_0, the desirable overlap"),
-        ({"overlap_area_m2": float("nan")}, "S_0, the desirable overlap"),
+        ({"overlap_cm2": 0.0}, "S_0, the desirable overlap"),
+        ({"overlap_cm2": float("nan")}, "S_0, the desirable overlap"),
     ],
 )
 def test_a_number_that_cannot_be_shown_is_named(teaching, change, named):
@@ -51,11 +58,10 @@ def test_a_number_that_cannot_be_shown_is_named(teaching, change, named):
 
 
 def test_every_neighbour_is_a_pair_or_an_unused_pair(teaching):
-    lesson = teaching.flattening(0, teaching.defaults)
-    for level, unused in zip(lesson.flattening.levels, lesson.unused_pairs, strict=True):
+    for level in teaching.paper(teaching.defaults).views.flattening(0).levels:
         rc, d = level.points_rc, level.sampling_interval_px
         used = {tuple(sorted(map(int, pair))) for pair in level.edges}
-        left_out = {tuple(sorted(map(int, pair))) for pair in unused}
+        left_out = {tuple(sorted(map(int, pair))) for pair in unused_pairs(level)}
         place = {tuple(p): n for n, p in enumerate(rc.tolist())}
         neighbours = {
             tuple(sorted((n, place[r + dr, c + dc])))
@@ -70,7 +76,7 @@ def test_every_neighbour_is_a_pair_or_an_unused_pair(teaching):
 @pytest.mark.parametrize("method", method_names())
 def test_the_rotation_is_the_papers_whatever_the_method_of_the_session(paper, method):
     lessons = Teaching(Integration(Cylinder(**CLOTH), method=method))
-    plan = lessons.planning(0, lessons.defaults).plan
+    plan = lessons.paper(lessons.defaults).plan(Document(start_view=0))
     expected = paper.plan(Document(start_view=0))
     assert (plan.view_index, plan.side, plan.rotation_deg) == (
         expected.view_index, expected.side, expected.rotation_deg
@@ -84,16 +90,12 @@ def test_the_alignment_is_the_papers_step_by_step(teaching, paper):
     event = paper.answer(document, Request(0, "propose"))
     pending = Pending(event.view_index, event.current_from_new, event.side, component=event.component)
     expected = paper.proposal(replace(document, pending=pending)).alignment
-    alignment = lesson.proposal.alignment
-    assert lesson.view_index == lesson.planned_view == event.view_index
+    search, alignment = lesson.search, lesson.proposal.alignment
+    assert lesson.proposal.view_index == event.view_index
     assert alignment.initial == expected.initial
     assert alignment.current_from_new == expected.current_from_new
     assert alignment.score == expected.score
-
-
-def test_the_search_leads_from_the_initial_estimate_to_its_end_which_is_proposed_if_it_scores_more(teaching):
-    lesson = teaching.alignment(0, teaching.defaults)
-    search, alignment = lesson.search, lesson.proposal.alignment
+    # The search leads from the initial estimate to its end, which is proposed if it scores more.
     assert search.motions[0].apply(np.eye(2)) == pytest.approx(alignment.initial.apply(np.eye(2)))
     if search.end_score >= alignment.initial_score.total:
         end = search.motions[-1].apply(np.eye(2))
@@ -103,7 +105,6 @@ def test_the_search_leads_from_the_initial_estimate_to_its_end_which_is_proposed
         assert alignment.current_from_new == alignment.initial
     assert len(search.motions) == len(search.path) == len({tuple(p) for p in search.path})
     assert search.path[0] == pytest.approx([0, 0, 0])
-    assert search.cost.shape == (search.turns_rad.size, search.shifts_m.size, search.shifts_m.size)
     assert search.tried > search.cost.size
     # The coarse search starts its detailed ones at its best places.
     t, u, v = np.unravel_index(np.argmin(search.cost), search.cost.shape)
@@ -113,24 +114,19 @@ def test_the_search_leads_from_the_initial_estimate_to_its_end_which_is_proposed
 
 def test_the_renewed_view_tells_which_view_shows_each_pixel(teaching):
     lesson = teaching.alignment(0, teaching.defaults)
-    view, origin = lesson.renewed.view, lesson.origin
+    view, origin, added = lesson.renewed.view, lesson.origin, lesson.proposal.view_index
     assert np.array_equal(origin > 0, view.valid)
-    from_new = np.isin(origin, (NEW, NEW_OF_BOTH))
-    assert np.array_equal(from_new, view.view_index == lesson.view_index)
+    assert np.array_equal(np.isin(origin, (NEW, NEW_OF_BOTH)), view.view_index == added)
     assert np.array_equal(np.isin(origin, (KEPT, OLD_OF_BOTH)), view.view_index == 0)
     assert all(np.any(origin == kind) for kind in (KEPT, NEW, NEW_OF_BOTH))
     # The plane is that of the new view: what it alone shows lies where it lay.
-    assert lesson.renewed.current_from_view[lesson.view_index] == Rigid2()
+    assert lesson.renewed.current_from_view[added] == Rigid2()
 
 
-def test_a_recording_with_nothing_to_add_says_so():
-    lessons = Teaching(Integration(Cylinder()))
+def test_a_lesson_that_cannot_be_made_says_so_and_one_can_be_given_up(session):
+    alone, lessons = Teaching(Integration(Cylinder())), Teaching(session)
     with pytest.raises(AlignmentError, match="no view remains"):
-        lessons.alignment(0, lessons.defaults)
-
-
-def test_a_lesson_can_be_given_up(session):
-    lessons = Teaching(session)
+        alone.alignment(0, alone.defaults)
 
     def stop(_share: float, _text: str) -> None:
         raise CancelledError
@@ -139,4 +135,4 @@ def test_a_lesson_can_be_given_up(session):
         lessons.start_view(stop)
     with pytest.raises(CancelledError):
         lessons.alignment(0, lessons.defaults, stop)
-    assert lessons.alignment(0, lessons.defaults).view_index > 0
+    assert lessons.alignment(0, lessons.defaults).proposal.view_index > 0
