@@ -9,7 +9,6 @@ import { LAYERS, layerAction, Looking } from "./canvas/look.js";
 import { Ruler } from "./canvas/ruler.js";
 import { Column } from "./layout/column.js";
 import { Layout } from "./layout/layout.js";
-import { PageAddress } from "./page/address.js";
 import { Connection } from "./page/connection.js";
 import { Dial, SceneMarks } from "./page/scene_marks.js";
 import { byId, showWords } from "./page/dom.js";
@@ -74,7 +73,6 @@ page.add(new Timeline(page, chooseView));
 page.add(new ReviewList(page));
 page.add(new ResultPanel(page));
 const column = page.add(new Column(page)); // after all that have a part of it
-page.add(new PageAddress(page));
 page.add(new Roving(page));
 const keyPointer = new KeyPointer();
 /** The lessons, once they are wanted. @type {Teaching | null} */
@@ -148,7 +146,7 @@ function showFrame(/** @type {State} */ state) {
   const playing = Boolean(state.capture?.playing);
   if (!playing) canvas.pick = state.pick?.in_shape ? state.pick : null;
   canvas.showMarks(playing ? [] : state.picks);
-  looking.show(page.layer);
+  looking.show();
   capture.watch(drawFrame);
 }
 
@@ -160,13 +158,9 @@ function drawFrame(/** @type {FrameInfo} */ frame, /** @type {Shown | null} */ s
 }
 
 function showLayer(/** @type {State} */ state) {
-  canvas.update(state, page.layer, looking.query(page.layer));
-  comparison.show(state, looking.query(comparison.looked));
-  const [looked, legend] = comparison.legend
-    ? [comparison.looked, comparison.legend]
-    : [page.layer, state.layers?.legends[page.layer]];
-  showLegend(looking.legend(looked, legend));
-  looking.show(looked, legend, state.layers?.legends.truth.kind === "ramp");
+  canvas.update(state, page.layer);
+  showLegend(comparison.legend ?? state.layers?.legends[page.layer]);
+  looking.show(state.layers?.legends.truth.kind === "ramp");
   showWords(byId("empty"), state.layers ? "" : whyEmpty(state));
 }
 

@@ -62,7 +62,7 @@ export class BothSides extends PagePart {
       this.turn("other");
     }
     if ((this.chosen ?? 0) >= (this.other?.seams.length ?? 0)) this.chosen = null;
-    this.showChip();
+    this.chip.hidden = this.canvas.side === "this" || this.page.hasCamera;
     if (this.other && !this.section.hidden) this.show(this.other);
   }
 
@@ -109,12 +109,6 @@ export class BothSides extends PagePart {
     if (beside.wanted) this.isKnown();
     this.page.changed();
     this.canvas.fit();
-  }
-
-  showChip() {
-    const { side } = this.canvas;
-    this.chip.hidden = side === "this" || this.page.hasCamera;
-    this.chip.textContent = "Other side, as seen from outside";
   }
 
   // --- the panel ---------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ const ABOVE_PX = 26; // of the ring over the proposal
 const LABEL_PX = 26; // of a ghost, off its middle, away from the ring
 const SNAP_PX = 16;
 const SNAP_RAD = 0.14; // 8 degrees
+const SAME = 1e-6;
 const STILL = { theta_rad: 0, u_m: 0, v_m: 0 };
 
 export class Handles {
@@ -91,6 +92,13 @@ export class Handles {
     return { theta: Math.atan2(Math.sin(turn), Math.cos(turn)), u: u - canvas.center[0], v: v - canvas.center[1] };
   }
 
+  /** Whether what is held lies there already. */
+  isAt(/** @type {Ghost} */ ghost) {
+    const { theta, u, v } = this.towards(ghost);
+    const { preview } = this.canvas;
+    return Math.hypot(theta - preview.theta, u - preview.u, v - preview.v) < SAME;
+  }
+
   /** A motion of what is held, or that to a ghost which is near. @returns {By} */
   snap(/** @type {By} */ by) {
     this.snapped = null;
@@ -113,7 +121,7 @@ export class Handles {
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { places, held } = this;
     if (!places || !held) return;
-    for (const ghost of held.ghosts) this.drawGhost(context, style, held, ghost);
+    for (const ghost of held.ghosts) if (!this.isAt(ghost)) this.drawGhost(context, style, held, ghost);
     const color = style.getPropertyValue("--accent");
     strokeLine(context, [places.edge, places.ring], color, 1.5);
     drawRing(context, places.ring, color, 6);

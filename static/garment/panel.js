@@ -21,6 +21,7 @@ import { nearest } from "../canvas/geometry.js";
 import { drawDot } from "../canvas/marks.js";
 
 const NONE = "none of these";
+const SURE = 0.995; // the line above says it all
 
 export class GarmentPanel extends PagePart {
   name = "garment";
@@ -89,7 +90,10 @@ export class GarmentPanel extends PagePart {
       tip: "The kind of garment. Automatic: by the evidence. A kind set by hand is a decision; Undo takes it back.",
       change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }),
     });
-    return [shares(found.probabilities), field("Kind", select)];
+    return [
+      (found.by_hand || found.probabilities[0][1] < SURE) && shares(found.probabilities),
+      field("Kind", select),
+    ];
   }
 
   points(/** @type {FoundGarment} */ found) {
@@ -255,10 +259,10 @@ export class GarmentDrawing {
     this.page.redrawMarks();
   }
 
-  /** What is drawn: the dragged outline, or the one that was found; null: nothing. */
+  /** What is drawn: the dragged outline, or the one that was found; null: nothing, as where a joint is decided about. */
   get drawn() {
     const { panel } = this;
-    if (!panel.shown || !panel.found?.kind || this.page.hasCamera) return null;
+    if (!panel.shown || !panel.found?.kind || this.page.hasCamera || this.page.joints.held) return null;
     return this.preview ?? panel.found;
   }
 

@@ -2,7 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { byId, make, rebuild, smallButton, values } from "../page/dom.js";
-import { degrees, keyName, mm, vector } from "../page/format.js";
+import { degrees, mm, vector } from "../page/format.js";
 import { stdMm } from "../panels/pick_text.js";
 
 const STROKES = [
@@ -33,7 +33,6 @@ export class Column extends PagePart {
   name = "column";
   part = "pick";
   moment = "";
-  actions = { column: () => this.next() };
   tabs = byId("column-tabs");
   body = byId("column-part");
   selection = byId("selection");
@@ -59,14 +58,13 @@ export class Column extends PagePart {
     const parts = this.parts;
     for (const [name, , sections] of PARTS)
       for (const id of sections) document.getElementById(id)?.classList.toggle("off", name !== this.part);
-    const key = keyName(this.page.action("column").keys[0]);
     this.tabs.hidden = parts.length < 2;
     rebuild(this.tabs, [parts.map(([name]) => name), this.part], () =>
       parts.map(([name, title]) =>
         smallButton(title, () => this.choose(name), {
           pressed: name === this.part,
           key: `part-${name}`,
-          tip: `Show this part of the column\n${key}: the next one`,
+          tip: "Show this part of the column",
         }),
       ),
     );
@@ -77,11 +75,6 @@ export class Column extends PagePart {
     this.body.scrollTop = 0;
     this.show();
     if (this.page.state) this.showSelection(this.page.state);
-  }
-
-  next() {
-    const names = this.parts.map(([name]) => name);
-    this.choose(names[(names.indexOf(this.part) + 1) % names.length] ?? "pick");
   }
 
   /** Before an action: whether it only brings a part that is there already, but not in sight. */
@@ -132,7 +125,7 @@ export class Column extends PagePart {
 }
 
 const HELD = "Position x y z in the object frame";
-const ONLY_SHOWN = ["result", "look", "joints"]; // actions that do nothing else
+const ONLY_SHOWN = ["result", "look", "joints", "garment"]; // actions that do nothing else
 
 /** What the page is at, and the part that it needs. @returns {[moment: string, part: string]} */
 function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts) {

@@ -151,23 +151,10 @@ export interface Set {
   values?: Record<string, boolean | number | string>;
 }
 
-/** Set the turning axis by hand, as the camera of view 0 sees it; without ``apply`` it is only drawn. */
-export interface SetAxis {
-  type: "axis";
-  right_m: number;
-  away_m: number;
-  lean_right_deg: number;
-  lean_away_deg: number;
-  apply: boolean;
-}
-
-/** Colour the 3D scene by a layer of the flattened view, with its colour map and window. */
+/** Colour the 3D scene by a layer of the flattened view. */
 export interface Look {
   type: "look";
   layer: "color" | "density" | "height" | "incidence" | "place" | "source" | "stretch" | "truth" | "z_angle";
-  map?: string | null;
-  low?: number;
-  high?: number;
 }
 
 /** Show the newest frame of the camera, or hold the present one. */
@@ -313,7 +300,6 @@ export type ClientMessage =
   | SetGrip
   | SetAuto
   | Set
-  | SetAxis
   | Look
   | Play
   | Capture
@@ -369,7 +355,6 @@ export interface PageState {
   review: ReviewInfo | null;
   sides: SidesInfo | null;
   garment: GarmentInfo | null;
-  axis: AxisInfo | null;
   other: OtherSideInfo | null;
   capture: CaptureStatus | null;
   active: ActiveStatus | null;
@@ -726,15 +711,6 @@ export interface GarmentPiece {
   sure: boolean;
   state: "placed" | "proposed" | "refused";
   outline_uv_m: [number, number][][];
-}
-
-/** The turning axis as the camera of view 0 sees it; ``estimated``: it is not the recorded one. */
-export interface AxisInfo {
-  right_m: number;
-  away_m: number;
-  lean_right_deg: number;
-  lean_away_deg: number;
-  estimated: boolean;
 }
 
 /** The other side of the item; ``layers`` None: it is not computed, ``text`` says why. */

@@ -250,24 +250,35 @@ const RADIUS = 36;
 const MARGIN = 22;
 const AXIS_PX = 26;
 const AXES = { x: "--bad", y: "--good", z: "--accent" };
+const UNITS = /** @type {XYZ[]} */ ([
+  [1, 0, 0],
+  [0, 1, 0],
+  [0, 0, 1],
+]);
+const SHORT = 0.35; // as seen, of an axis that points at the camera
 
 export class Dial extends PagePart {
-  /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
-  drawInScene(context, style, place) {
+  /** @param {Context} context @param {Style} style */
+  drawInScene(context, style) {
     const { state, sceneMarks } = this.page;
     if (this.page.hasCamera || sceneMarks.width < 200) return;
     context.font = "14px system-ui, sans-serif";
     context.textBaseline = "middle";
     const from = { x: sceneMarks.width - RADIUS - MARGIN, y: RADIUS + MARGIN };
     const color = (/** @type {string} */ name) => style.getPropertyValue(name);
-    drawRing(context, from, color("--line"), RADIUS);
+    const dot = (/** @type {Point} */ { x, y }, /** @type {number} */ radius, /** @type {string} */ name) => {
+      context.beginPath();
+      context.arc(x, y, radius, 0, 2 * Math.PI);
+      context.fillStyle = color(name);
+      context.fill();
+    };
     const at = (/** @type {number} */ deg, far = RADIUS) => {
       const turn = (deg * Math.PI) / 180;
       return { x: from.x - far * Math.sin(turn), y: from.y + far * Math.cos(turn) };
     };
     for (const { angle_deg, state: was } of state.views) {
-      if (was === "unused") drawRing(context, at(angle_deg), color("--soft"), 1);
-      else drawDot(context, at(angle_deg), color(was === "rejected" ? "--bad" : "--good"), 3);
+      if (was === "unused") dot(at(angle_deg), 1.5, "--soft");
+      else dot(at(angle_deg), 4, was === "rejected" ? "--bad" : "--good");
     }
     const present = state.views[state.present_view ?? -1]?.angle_deg;
     if (present === undefined) return;
@@ -275,22 +286,24 @@ export class Dial extends PagePart {
     drawLabel(context, style, `${number(present, 0)}°`, [from.x - 14, from.y], [from.x - 16, from.y - 9, 34, 18]);
     const next = state.active?.angle_deg ?? present;
     strokeLine(context, [at(present, 26), at(next, 26)], color("--accent"), 2, [4, 3]);
-    this.drawAxes(context, color, place);
+    this.drawAxes(context, color);
   }
 
-  /** @param {Context} context @param {(name: string) => string} color @param {PlaceInScene} place */
-  drawAxes(context, color, place) {
-    const { right_m = 0, away_m = 1 } = this.page.state.axis ?? {};
-    const ends = [-1, 0, 1, 2].map((i) =>
-      place([right_m + 0.1 * +(i === 0), 0.1 * +(i === 1), away_m + 0.1 * +(i === 2)]),
-    );
-    const ways = ends.map((end) => ({ x: (end?.x ?? 0) - (ends[0]?.x ?? 0), y: (end?.y ?? 0) - (ends[0]?.y ?? 0) }));
-    const scale = AXIS_PX / Math.max(1, ...ways.map(({ x, y }) => Math.hypot(x, y)));
-    const at = (/** @type {number} */ i, far = scale) => ({ x: 48 + far * ways[i].x, y: 48 + far * ways[i].y });
+  /** The axes of the object frame as the camera sees them; one that points at it has its letter beside the corner. */
+  drawAxes(/** @type {Context} */ context, /** @type {(name: string) => string} */ color) {
+    const { view } = this.page.sceneMarks;
+    if (!view) return;
+    const seen = (/** @type {XYZ} */ point) =>
+      applied(view.camera.matrixWorldInverse.elements, applied(view.world, point));
+    const from = seen([0, 0, 0]);
+    const ways = UNITS.map(seen).map(([x, y]) => ({ x: x - from[0], y: from[1] - y }));
+    const at = ({ x = 0, y = 0 }, far = AXIS_PX) => ({ x: 48 + far * x, y: 48 + far * y });
+    const free = at({ x: -ways.reduce((sum, { x }) => sum + x, 0), y: -ways.reduce((sum, { y }) => sum + y, 0) }, 12);
     Object.entries(AXES).forEach(([name, shade], i) => {
-      strokeLine(context, [at(0), at(i + 1)], color(shade), 2);
+      strokeLine(context, [at({}), at(ways[i])], color(shade), 2);
+      const { x, y } = Math.hypot(ways[i].x, ways[i].y) < SHORT ? free : at(ways[i], 1.35 * AXIS_PX);
       context.fillStyle = color(shade);
-      context.fillText(name, at(i + 1, 1.35 * scale).x - 4, at(i + 1, 1.35 * scale).y);
+      context.fillText(name, x - 4, y);
     });
   }
 }

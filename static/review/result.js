@@ -4,7 +4,7 @@ import { PagePart } from "../page/page.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
 import { exportButton, showExports } from "../page/exports.js";
-import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
+import { cm2, count, floatingOf, mm, percent } from "../page/format.js";
 
 const MOST = 4; // of each list
 const LEAST_CM2 = 2; // less is not worth a line
@@ -127,7 +127,7 @@ export class ResultPanel extends PagePart {
       make(
         "div.chips",
         ...these.slice(0, MOST).map(({ view_index: view, area_m2 }) => {
-          return this.page.turnTo(view, `left-${view}`, `View ${view}: ${number(CM2 * area_m2, 0)}`);
+          return this.page.turnTo(view, `left-${view}`, `View ${view}: ${cm2(CM2 * area_m2)}`);
         }),
       ),
     ];

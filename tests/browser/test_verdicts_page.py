@@ -36,12 +36,12 @@ def step_and_skip(tab):
     return skipped
 
 
-def test_jumps_lead_to_what_waits_and_to_the_lowest_score_by_keys_alone(open_tab):
+def test_what_waits_is_jumped_to_and_decided_again_by_keys_alone(open_tab):
     tab = open_tab().ready()
     skipped = step_and_skip(tab)
     tab.step()
     expect(tab.page.locator("#checks li.passed")).to_have_count(3)
-    expect(tab.page.locator("#foreseen")).to_contain_text("adds")
+    expect(tab.page.locator("#foreseen")).to_contain_text("Adds")
     foreseen, before = tab.state()["pending"]["foreseen"], area_cm2(tab)
     tab.accept()
     assert area_cm2(tab) - before == pytest.approx(foreseen["added_cm2"], rel=0.25, abs=25)
@@ -51,8 +51,8 @@ def test_jumps_lead_to_what_waits_and_to_the_lowest_score_by_keys_alone(open_tab
     tab.page.keyboard.press("Escape")
     card.wait_for(state="hidden")
     tab.until(f"document.activeElement.dataset.id === 'view-{skipped}'")
-    tab.page.keyboard.press("q")
     (accepted,) = states(tab, "accepted")
+    tab.page.locator(f"[data-id=view-{accepted}]").press("Enter")
     card = tab.page.get_by_role("dialog", name=f"View {accepted}")
     assert "accepted, number 1, score" in card.inner_text()
     tab.page.keyboard.press("Enter")

@@ -25,7 +25,6 @@ from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
-from flatcloth.rendering.layers import Appearance
 from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.hub import Hub
@@ -287,8 +286,8 @@ class PageController(ABC):
                 self.publish()
             case messages.TurnTo(view_index=view):
                 self._turn_to(view)
-            case messages.Look(layer=layer, map=name, low=low, high=high):
-                self.scene.color_by(layer, Appearance(name, low, high))
+            case messages.Look(layer=layer):
+                self.scene.color_by(layer)
             case messages.Measure():
                 self.tabs.tell(client, self._measured(message))
             case _:

@@ -472,16 +472,6 @@ class ListedPick(Sent, frozen=True):
     kept: bool
 
 
-class AxisInfo(Sent, frozen=True):
-    """The turning axis as the camera of view 0 sees it; ``estimated``: it is not the recorded one."""
-
-    right_m: float
-    away_m: float
-    lean_right_deg: float
-    lean_away_deg: float
-    estimated: bool
-
-
 class SidesInfo(Sent, frozen=True):
     """What is known of the side of interest; ``revision`` grows with every change of the labels."""
 
@@ -588,7 +578,6 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     review: ReviewInfo | None = None
     sides: SidesInfo | None = None
     garment: GarmentInfo | None = None
-    axis: AxisInfo | None = None
     other: OtherSideInfo | None = None
     capture: CaptureStatus | None = None
     active: ActiveStatus | None = None

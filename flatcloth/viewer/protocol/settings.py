@@ -45,14 +45,12 @@ class Settings(Sent, frozen=True):
 
 _DIALOG = """
 advance | Continue after a verdict | After Accept, Reject or Skip, propose the next view.
-auto_threshold | Auto accepts from | Auto accepts a proposal with at least this score, and waits for you
-    below it.
+auto_threshold | Auto accepts from a score of | Below it, Auto waits for you.
 auto_until | Auto runs until | When Auto proposes no further view.
-auto_least_cm2 | Little, cm² | With "a view adds little": the least area that the next view must be expected
-    to add.
-auto_views | This many views | With "this many views": those of the shape, the start view among them.
-step_mm | Arrow key, mm | Step of the arrow keys for the proposal; tenfold with Shift.
-step_deg | Bracket key, ° | Step of [ and ] for the proposal; tenfold with Shift.
+auto_least_cm2 | Least area of a view, cm² | Auto ends when the next view is expected to add less.
+auto_views | Number of views | Auto ends when the shape has so many, the start view among them.
+step_mm | Arrow keys move by, mm | A key moves the proposal so far; tenfold with Shift.
+step_deg | [ and ] turn by, ° | A key turns the proposal so far; tenfold with Shift.
 follow | 3D camera follows | The 3D camera takes the real camera's position of the shown view.
 turn_to_pick | Turn the item to a pick | A pick that faces away from the 3D camera is looked at from where
     it was seen. Off: its mark shows through the cloth.
@@ -67,7 +65,7 @@ _STEPS = {
     "auto_threshold": 0.05, "auto_least_cm2": 1.0, "auto_views": 1.0, "step_mm": 0.1, "step_deg": 0.05,
 }  # fmt: skip
 _OPTIONS = {
-    "auto_until": {"all": "no view adds cloth", "area": "a view adds little", "views": "this many views"}
+    "auto_until": {"all": "no view adds cloth", "area": "a view adds little", "views": "a number of views"}
 }
 
 

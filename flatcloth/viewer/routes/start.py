@@ -84,7 +84,6 @@ class StartRoutes:
             Route("/start", self.page),
             get("/start/places.json", lambda _: {**self._places.plain(), "current": self._server.recording}),
             get("/start/folder.json", lambda r: self._places.listing(r.query_params.get("path", ""))),
-            get("/start/here.json", lambda _: self._here()),
             Route("/start/picture/{kind}/{name:path}", self._picture),
             Route("/start/open", self._take, methods=["POST"]),
             Route("/start/mend", self._take_mend, methods=["POST"]),
@@ -93,9 +92,6 @@ class StartRoutes:
     async def page(self, request: Request) -> Response:
         """Answer with the start screen."""
         return page_of(request, static_folder() / "start" / "start.html")
-
-    def _here(self) -> dict[str, Any]:
-        return {"name": self._server.recording, "place": self._places.place_of(self._server.session)}
 
     async def _picture(self, request: Request) -> Response:
         kind, name = request.path_params["kind"], request.path_params["name"]
