@@ -38,6 +38,7 @@ import { Teaching } from "./teaching/teaching.js";
 byId("unloaded").remove();
 
 const PATIENCE_MS = 8000; // with the first picture: without compiled kernels it takes a minute
+const AGAIN_MS = 400; // a second press so soon after a verdict is the same one: nobody has looked at the next view
 const LEAST_MOVE_M = 0.00005; // what is shown as 0.0 mm and 0.0° is no move
 const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
 
@@ -54,6 +55,7 @@ const canvas = (page.canvas = new FlatCanvas({
   placed: () => page.each("placed"),
   shown: () => settle(),
 }));
+let decidedMs = -Infinity; // when the last verdict was given
 const nudges = new KeyNudges(canvas, () => page.state, sendMove);
 const hover = page.add(new Hover(page));
 const comparison = (page.comparison = page.add(new Comparison(page)));
@@ -178,8 +180,10 @@ function decide(/** @type {string} */ name, more = {}) {
   nudges.flush();
   const { pending } = page.thisSide;
   // The view that this user sees is the view that is meant, whatever has changed meanwhile.
-  const view = ["accept", "reject", "skip"].includes(action) && pending ? { view_index: pending.view_index } : {};
-  send({ type: "do", action, ...view, ...more });
+  const isVerdict = ["accept", "reject", "skip"].includes(action) && pending !== null;
+  if (isVerdict && performance.now() - decidedMs < AGAIN_MS) return;
+  if (isVerdict) decidedMs = performance.now();
+  send({ type: "do", action, ...(isVerdict ? { view_index: pending.view_index } : {}), ...more });
 }
 
 function chooseView(/** @type {ViewRow} */ view) {

@@ -61,11 +61,7 @@ export class Column extends PagePart {
     this.tabs.hidden = parts.length < 2;
     rebuild(this.tabs, [parts.map(([name]) => name), this.part], () =>
       parts.map(([name, title]) =>
-        smallButton(title, () => this.choose(name), {
-          pressed: name === this.part,
-          key: `part-${name}`,
-          tip: "Show this part of the column",
-        }),
+        smallButton(title, () => this.choose(name), { pressed: name === this.part, key: `part-${name}` }),
       ),
     );
   }
@@ -107,10 +103,10 @@ export class Column extends PagePart {
         : [
             make("div.heading", make("h2", pick.name), this.page.smallButton("copy")),
             values(
-              ["held", held, HELD],
-              ["normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
+              ["Place", held, HELD],
+              ["Normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
               pick.grip && [
-                "grip",
+                "Grip",
                 gripText(pick.grip),
                 "Axis on the flattened view, opening, and one standard deviation of its position",
               ],

@@ -125,11 +125,7 @@ export class Layout extends PagePart {
     this.box.hidden = !this.panes.length;
     rebuild(this.box, [this.panes, this.pane], () =>
       this.panes.map((pane) =>
-        smallButton(TITLES[pane], () => this.choose(pane), {
-          pressed: pane === this.pane,
-          key: `pane-${pane}`,
-          tip: "Show this pane",
-        }),
+        smallButton(TITLES[pane], () => this.choose(pane), { pressed: pane === this.pane, key: `pane-${pane}` }),
       ),
     );
   }

@@ -11,6 +11,7 @@ import { number } from "./format.js";
 
 const EDGE = 14;
 const NORMAL_M = 0.06; // length of the arrow
+const RESIZED_MS = 200; // until viser has taken another size
 
 /**
  * @typedef {{ id: number; position_held_m: XYZ }} MarkedPick
@@ -18,9 +19,10 @@ const NORMAL_M = 0.06; // length of the arrow
  * @typedef {Record<
  *   "matrixWorld" | "matrixWorldInverse" | "projectionMatrix" | "projectionMatrixInverse", Matrix4
  * >} Camera of three.js
- * @typedef {{ camera: Camera; world: number[]; canvas: HTMLCanvasElement }} SceneView viser's camera and canvas
+ * @typedef {{ camera: Camera; world: number[]; canvas: HTMLCanvasElement; redraw(): void }} SceneView of viser's page
  * @typedef {{
- *   nodeRefFromName?: Record<string, { matrixWorld: Matrix4 }>; camera?: Camera; canvas?: HTMLCanvasElement
+ *   nodeRefFromName?: Record<string, { matrixWorld: Matrix4 }>; camera?: Camera; canvas?: HTMLCanvasElement;
+ *   requestRender?(): void
  * }} Viser what viser's page has of itself
  * @typedef {{ origin_m: XYZ; direction: XYZ }} Ray
  */
@@ -123,7 +125,8 @@ export class SceneMarks extends PagePart {
     const viser = inside?.__viserMutable;
     const node = viser?.nodeRefFromName?.["/live/cloud"];
     if (!node || !viser?.camera || !viser.canvas || !isUpright(node.matrixWorld)) return null;
-    return { camera: viser.camera, world: node.matrixWorld.elements, canvas: viser.canvas };
+    const redraw = () => viser.requestRender?.();
+    return { camera: viser.camera, world: node.matrixWorld.elements, canvas: viser.canvas, redraw };
   }
 
   rayAt(/** @type {number} */ x, /** @type {number} */ y) {
@@ -158,7 +161,9 @@ export class SceneMarks extends PagePart {
     if (!view) return;
     const key = `${view.camera.matrixWorldInverse.elements}${view.camera.projectionMatrix.elements}`;
     const [width, height] = [view.canvas.clientWidth, view.canvas.clientHeight];
-    if (!this.dirty && key === this.key && width === this.width && height === this.height) return;
+    const isResized = width !== this.width || height !== this.height;
+    if (!this.dirty && key === this.key && !isResized) return;
+    if (isResized) setTimeout(() => this.view?.redraw(), RESIZED_MS); // a scene that was hidden has lost its picture
     this.dirty = false;
     this.key = key;
     this.width = width;
@@ -249,13 +254,9 @@ function applied(/** @type {number[]} */ matrix, /** @type {XYZ} */ [x, y, z]) {
 const RADIUS = 36;
 const MARGIN = 22;
 const AXIS_PX = 26;
-const AXES = { x: "--bad", y: "--good", z: "--accent" };
-const UNITS = /** @type {XYZ[]} */ ([
-  [1, 0, 0],
-  [0, 1, 0],
-  [0, 0, 1],
-]);
-const SHORT = 0.35; // as seen, of an axis that points at the camera
+const ABOVE_RAD = 0.6;
+/** @type {Record<string, [shade: string, unit: XYZ]>} */
+const AXES = { x: ["--bad", [1, 0, 0]], y: ["--good", [0, 1, 0]], z: ["--accent", [0, 0, 1]] };
 
 export class Dial extends PagePart {
   /** @param {Context} context @param {Style} style */
@@ -289,21 +290,21 @@ export class Dial extends PagePart {
     this.drawAxes(context, color);
   }
 
-  /** The axes of the object frame as the camera sees them; one that points at it has its letter beside the corner. */
+  /** The axes of the object frame as seen from a little above the camera, so that none points at it. */
   drawAxes(/** @type {Context} */ context, /** @type {(name: string) => string} */ color) {
     const { view } = this.page.sceneMarks;
     if (!view) return;
     const seen = (/** @type {XYZ} */ point) =>
       applied(view.camera.matrixWorldInverse.elements, applied(view.world, point));
     const from = seen([0, 0, 0]);
-    const ways = UNITS.map(seen).map(([x, y]) => ({ x: x - from[0], y: from[1] - y }));
-    const at = ({ x = 0, y = 0 }, far = AXIS_PX) => ({ x: 48 + far * x, y: 48 + far * y });
-    const free = at({ x: -ways.reduce((sum, { x }) => sum + x, 0), y: -ways.reduce((sum, { y }) => sum + y, 0) }, 12);
-    Object.entries(AXES).forEach(([name, shade], i) => {
-      strokeLine(context, [at({}), at(ways[i])], color(shade), 2);
-      const { x, y } = Math.hypot(ways[i].x, ways[i].y) < SHORT ? free : at(ways[i], 1.35 * AXIS_PX);
+    Object.entries(AXES).forEach(([name, [shade, unit]]) => {
+      const [x, y, z] = seen(unit).map((value, i) => value - from[i]);
+      const at = (/** @type {number} */ far) => {
+        return { x: 48 + far * x, y: 48 + far * (Math.sin(ABOVE_RAD) * z - Math.cos(ABOVE_RAD) * y) };
+      };
+      strokeLine(context, [at(0), at(AXIS_PX)], color(shade), 2);
       context.fillStyle = color(shade);
-      context.fillText(name, x - 4, y);
+      context.fillText(name, at(1.4 * AXIS_PX).x - 4, at(1.4 * AXIS_PX).y);
     });
   }
 }

@@ -4,10 +4,10 @@ import { PagePart } from "../page/page.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
 import { exportButton, showExports } from "../page/exports.js";
-import { cm2, count, floatingOf, mm, percent } from "../page/format.js";
+import { cm2, floatingOf, mm, percent } from "../page/format.js";
 
 const MOST = 4; // of each list
-const LEAST_CM2 = 2; // less is not worth a line
+const LEAST_CM2 = 5; // less is not worth a line
 const CM2 = 1e4; // in a square metre
 
 export class ResultPanel extends PagePart {
@@ -77,7 +77,7 @@ export class ResultPanel extends PagePart {
       this.sideDoubt(state),
       this.jointDoubt(result?.wrong.length === 0 && !this.sideDoubt(state), reliable),
       values(
-        ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
+        ["Shape", cm2(layers.area_cm2)],
         state.other?.layers && ["Other side", otherSide(state.other), "Cloth of the other side, and what joins it"],
         floating && ["Floating", `${cm2(floating)} (${letters})`, "Cloth that no view connects to the shape yet"],
         reliable !== undefined && ["Reliable", percent(reliable), "Share of the shape placed to 10 mm or better"],
@@ -115,7 +115,7 @@ export class ResultPanel extends PagePart {
     return [
       make("h3", "Seen but left out", make("span", cm2(areaOf(every)))),
       ...reasons.flatMap((reason) => this.leftFor(reason, large)),
-      reasons.length ? null : make("p.note", "None: the result has all the cloth that its views show."),
+      reasons.length ? null : make("p.note", `No view shows ${LEAST_CM2} cm² that are not in the result.`),
     ];
   }
 
