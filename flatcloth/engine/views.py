@@ -152,7 +152,7 @@ class RecordedViews:
         if self.sides is not None:
             notes.append(
                 "This recording has no masks: the side of interest is found from the views. "
-                "Strokes in session mode correct it."
+                "Strokes correct it."
             )
         elif not self.recording.has_masks:
             notes.append(

@@ -17,6 +17,7 @@ const STROKES = [
 /** @type {[name: string, title: string, sections: string[], actions: string[]][]} parts, the first come first */
 const PARTS = [
   ["capture", "Capture", ["capture"], []],
+  ["check", "Check", ["check"], []],
   ["active", "Loop", ["active"], []],
   ["proposal", "Proposal", ["proposal"], ["pairs", "fit_pairs", "refine"]],
   ["result", "Result", ["result"], ["result"]],
@@ -44,7 +45,7 @@ export class Column extends PagePart {
 
   update(/** @type {State} */ state) {
     const names = this.parts.map(([name]) => name);
-    const [moment, part] = momentOf(state, names);
+    const [moment, part] = momentOf(state, names, this.page.recordingIsWrong);
     if (moment !== this.moment) {
       this.moment = moment;
       this.part = part;
@@ -124,10 +125,11 @@ const HELD = "Position x y z in the object frame";
 const ONLY_SHOWN = ["result", "look", "joints", "garment"]; // actions that do nothing else
 
 /** What the page is at, and the part that it needs. @returns {[moment: string, part: string]} */
-function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts) {
+function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts, /** @type {boolean} */ isWrong) {
   const { pending, auto } = state;
   if (state.capture) return ["capture", "capture"];
   if (pending) return [`proposal ${pending.view_index}`, "proposal"];
+  if (parts.includes("check") && isWrong) return ["check", "check"];
   if (parts.includes("active")) return ["active", "active"];
   if (parts.includes("result") && (state.finished || auto.ended))
     return [`end ${state.finished ?? auto.ended}`, "result"];

@@ -511,8 +511,7 @@ export interface Note {
 export interface Settings {
   advance: boolean;
   auto_threshold: number;
-  auto_until: "all" | "area" | "views";
-  auto_least_cm2: number;
+  auto_until: "all" | "views";
   auto_views: number;
   step_mm: number;
   step_deg: number;

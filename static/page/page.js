@@ -18,6 +18,7 @@ export class Page {
     this.looking = /** @type {Looking} */ (later);
     this.ruler = /** @type {Ruler} */ (later);
     this.sceneMarks = /** @type {SceneMarks} */ (later); // what is drawn over the 3D scene
+    this.recordingIsWrong = false; // by its check, for certain
     this.isSettled = false; // the first picture is there, or awaited no longer
     this.sourceMarks = /** @type {((view: number) => UV[])[]} */ ([]); // pixels that panels mark in a source image
     this.verdicts = /** @type {Verdicts} */ (later);

@@ -7,8 +7,6 @@ import { number } from "../page/format.js";
 /** @typedef {import("../page/messages").Setting} Setting */
 
 const OF_LOOK = /^show_|^follow$/;
-/** What Auto runs until, for settings of that alone. @type {Record<string, string>} */
-const ONLY_IF = { auto_least_cm2: "area", auto_views: "views" };
 
 export class SettingsSheet extends PagePart {
   name = "settings";
@@ -35,7 +33,7 @@ export class SettingsSheet extends PagePart {
     /** @type {Record<string, unknown>} */
     const settings = { ...this.page.state.settings };
     const rows = settings_rows.filter(
-      ({ name }) => !OF_LOOK.test(name) && (ONLY_IF[name] ?? settings.auto_until) === settings.auto_until,
+      ({ name }) => !OF_LOOK.test(name) && (name !== "auto_views" || settings.auto_until === "views"),
     );
     const isUsual = settings_rows.every(({ name, default: usual }) => settings[name] === usual);
     byId("settings-reset").setAttribute("aria-disabled", String(isUsual));

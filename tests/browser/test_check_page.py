@@ -34,7 +34,7 @@ def test_a_recording_that_is_said_to_turn_the_other_way_is_told_and_mended(open_
     assert tab.findings() == []
     tab.shoot("check-card")
     tab.page.keyboard.press("Tab")
-    mend = card.get_by_role("button", name="--reverse")
+    mend = card.get_by_role("button", name="Open with --reverse")
     mend.focus()
     tab.page.keyboard.press("Enter")
     # The recording is opened again with the angles mended, and nothing is wrong with it.

@@ -93,7 +93,6 @@ class Application(PageController):
         super().__init__(integration, folder, scene, tabs)
         self._trouble = ""  # why the shape of the present document cannot be drawn
         self._going_on = False
-        self._expected: tuple[Document, float | None] | None = None
         self._joins: tuple[Document, bool] | None = None
         self._ghosts = read_ghosts(self.place)
         self.other = OtherSideController(self, self.garments, self._other_made)
@@ -328,12 +327,10 @@ class Application(PageController):
 
     def _auto_step(self) -> None:
         running, settings = self._auto, self.settings.now
-        step = auto.next_step(self._state, running, settings, self.picture, self._expected)
+        step = auto.next_step(self._state, running, settings, self.picture)
         match step:
             case None:
                 return
-            case auto.Foresee():
-                self._review.foresee(self._state.document, self._foreseen)
             case auto.Wait(text):
                 self._auto = AutoInfo(running=True, waits_for=text)
                 self._follow_garment()
@@ -345,10 +342,6 @@ class Application(PageController):
                 self._do(Accept(view, proposal.score_shown(self.picture, self._state.document)))
             case _:
                 self._do(step)
-
-    def _foreseen(self, document: Document, expected_m2: float | None) -> None:
-        self._expected = document, expected_m2
-        self._put(None, self._auto_step)
 
     def _follow_garment(self) -> None:
         shown = None if self.picture is None else self.picture.document

@@ -28,8 +28,7 @@ class Settings(Sent, frozen=True):
 
     advance: bool = True
     auto_threshold: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.75
-    auto_until: Literal["all", "area", "views"] = "all"
-    auto_least_cm2: Annotated[float, Meta(ge=1.0, le=5000.0)] = 50.0
+    auto_until: Literal["all", "views"] = "all"
     auto_views: Annotated[float, Meta(ge=1.0, le=10000.0)] = 14.0
     step_mm: Annotated[float, Meta(ge=0.1, le=50.0)] = 2.0
     step_deg: Annotated[float, Meta(ge=0.05, le=45.0)] = 1.0
@@ -47,7 +46,6 @@ _DIALOG = """
 advance | Continue after a verdict | After Accept, Reject or Skip, propose the next view.
 auto_threshold | Auto accepts from a score of | Below it, Auto waits for you.
 auto_until | Auto runs until | When Auto proposes no further view.
-auto_least_cm2 | Least area of a view, cm² | Auto ends when the next view is expected to add less.
 auto_views | Number of views | Auto ends when the shape has so many, the start view among them.
 step_mm | Arrow keys move by, mm | A key moves the proposal so far; tenfold with Shift.
 step_deg | [ and ] turn by, ° | A key turns the proposal so far; tenfold with Shift.
@@ -62,11 +60,9 @@ show_axis | Turning axis | The axis that the item is turned about.
 show_camera | Camera | Where the camera stood at the present view.
 """
 _STEPS = {
-    "auto_threshold": 0.05, "auto_least_cm2": 1.0, "auto_views": 1.0, "step_mm": 0.1, "step_deg": 0.05,
+    "auto_threshold": 0.05, "auto_views": 1.0, "step_mm": 0.1, "step_deg": 0.05,
 }  # fmt: skip
-_OPTIONS = {
-    "auto_until": {"all": "no view adds cloth", "area": "a view adds little", "views": "a number of views"}
-}
+_OPTIONS = {"auto_until": {"all": "no view adds cloth", "views": "a number of views"}}
 
 
 class Setting(Sent, frozen=True):
