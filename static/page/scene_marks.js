@@ -277,6 +277,12 @@ export class Dial extends PagePart {
       const turn = (deg * Math.PI) / 180;
       return { x: from.x - far * Math.sin(turn), y: from.y + far * Math.cos(turn) };
     };
+    strokeLine(
+      context,
+      [...Array(73).keys()].map((n) => at(5 * n)),
+      color("--line"),
+      1,
+    );
     for (const { angle_deg, state: was } of state.views) {
       if (was === "unused") dot(at(angle_deg), 1.5, "--soft");
       else dot(at(angle_deg), 4, was === "rejected" ? "--bad" : "--good");
@@ -284,9 +290,9 @@ export class Dial extends PagePart {
     const present = state.views[state.present_view ?? -1]?.angle_deg;
     if (present === undefined) return;
     strokeLine(context, [at(present, 24), at(present, RADIUS + 12)], color("--text"), 3);
-    drawLabel(context, style, `${number(present, 0)}°`, [from.x - 14, from.y], [from.x - 16, from.y - 9, 34, 18]);
     const next = state.active?.angle_deg ?? present;
     strokeLine(context, [at(present, 26), at(next, 26)], color("--accent"), 2, [4, 3]);
+    drawLabel(context, style, `${number(present, 0)}°`, [from.x - 14, from.y], [from.x - 16, from.y - 9, 34, 18]);
     this.drawAxes(context, color);
   }
 
