@@ -155,7 +155,6 @@ function showFrame(/** @type {State} */ state) {
 function drawFrame(/** @type {FrameInfo} */ frame, /** @type {Shown | null} */ shown) {
   canvas.showFrame(shown, 0, frame.pick_uv_m);
   canvas.draw(); // at once: this is an animation frame, and what is acknowledged has been drawn
-  showLegend(frame.legend);
   showWords(byId("empty"), shown ? "" : frame.reason);
 }
 

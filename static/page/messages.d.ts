@@ -516,7 +516,6 @@ export interface Settings {
   step_mm: number;
   step_deg: number;
   follow: boolean;
-  turn_to_pick: boolean;
   show_view: boolean;
   show_shape: boolean;
   show_new: boolean;
@@ -905,7 +904,6 @@ export interface FrameInfo {
   sequence: number;
   reason: string;
   grid: Grid | null;
-  legend: Legend | null;
   pick_uv_m: [number, number] | null;
 }
 

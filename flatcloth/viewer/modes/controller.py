@@ -323,7 +323,7 @@ class PageController(ABC):
     def _turn_to_pick(self) -> None:
         """Turn the camera to a view that saw the current pick, if the pick faces away from it now."""
         current, picture = self._picks.current, self.picture
-        if current is None or picture is None or not self.settings.now.turn_to_pick:
+        if current is None or picture is None:
             return
         if faces_away(current, self.integration.axis, picture.angle_deg):
             self._turn_to(current.view_index)

@@ -792,7 +792,6 @@ class FrameInfo(Sent, frozen=True):
     sequence: int
     reason: str
     grid: Grid | None = None
-    legend: Legend | None = None
     pick_uv_m: UV | None = None
 
 

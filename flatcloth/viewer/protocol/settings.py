@@ -33,7 +33,6 @@ class Settings(Sent, frozen=True):
     step_mm: Annotated[float, Meta(ge=0.1, le=50.0)] = 2.0
     step_deg: Annotated[float, Meta(ge=0.05, le=45.0)] = 1.0
     follow: bool = True
-    turn_to_pick: bool = True
     show_view: bool = True
     show_shape: bool = True
     show_new: bool = True
@@ -50,8 +49,6 @@ auto_views | Number of views | Auto ends when the shape has so many, the start v
 step_mm | Arrow keys move by, mm | A key moves the proposal so far; tenfold with Shift.
 step_deg | [ and ] turn by, ° | A key turns the proposal so far; tenfold with Shift.
 follow | 3D camera follows | The 3D camera takes the real camera's position of the shown view.
-turn_to_pick | Turn the item to a pick | A pick that faces away from the 3D camera is looked at from where
-    it was seen. Off: its mark shows through the cloth.
 show_view | Present view | The points of the present view, in 3D.
 show_shape | Shape so far | The points of the shape, in 3D.
 show_new | What the proposal adds | The points that it would add, in 3D.

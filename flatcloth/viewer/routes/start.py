@@ -1,7 +1,7 @@
 """The start screen over HTTP: what can be opened, its pictures, and opening it.
 
 ``GET /start/places.json`` returns the offer, ``GET /start/folder.json?path=`` what lies in a folder below the
-root, ``GET /start/picture/{kind}/{name}`` the first image of a place, ``GET /start/here.json`` what is open.
+root, ``GET /start/picture/{kind}/{name}`` the first image of a place.
 ``POST /start/open`` with ``{"kind": "example", "name": "..."}`` opens it for all tabs, and answers then.
 ``POST /start/mend`` with ``{"mends": {"reverse": true}}`` opens what is open again, with these mends. Errors
 are ``{"error": reason}`` with code 400 (malformed), 409 (cannot be opened) or 429 (another is being opened).
