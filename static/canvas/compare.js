@@ -40,13 +40,12 @@ export class Comparison extends PagePart {
     return this.canvas.overlay.shown;
   }
 
-  /** Choose a mode; the same again goes back to both, or on to the next difference. */
+  /** Choose a mode; the same again goes on to the next difference, then back to both. */
   choose(/** @type {string} */ mode) {
-    if (mode === "difference" && this.mode === mode) {
-      this.kind = next(KINDS, this.kind);
-      return this.page.changed();
-    }
-    this.setMode(mode === this.mode ? "both" : mode);
+    const isAgain = mode === this.mode;
+    const other = KINDS[KINDS.indexOf(this.kind) + 1];
+    if (mode === "difference") this.kind = (isAgain && other) || KINDS[0];
+    this.setMode(isAgain && !(mode === "difference" && other) ? "both" : mode);
   }
 
   setMode(/** @type {string} */ mode) {
@@ -139,9 +138,6 @@ export class Comparison extends PagePart {
     return make("div.modes.segmented-grid", ...MODES.map(([name, , label]) => this.page.button(name, label)));
   }
 }
-
-/** @param {string[]} list @param {string} item */
-const next = (list, item) => list[(list.indexOf(item) + 1) % list.length];
 
 // --- both values under the pointer ---------------------------------------------------------------
 

@@ -36,9 +36,9 @@ export class Handles {
     const ghosts = pending?.ghosts ?? [];
     rebuild(byId("ghosts"), [pending?.view_index, ghosts], () =>
       ghosts.map((ghost) =>
-        smallButton(`Lay ${titleOf(ghost)}`, () => this.layAt(ghost), {
+        smallButton(`Place ${titleOf(ghost)}`, () => this.layAt(ghost), {
           key: `ghost-${ghost.source}`,
-          tip: "Lay the piece where its ghost is drawn. Dragged near there, it snaps to it.",
+          tip: "Place the piece where its ghost is drawn. Dragged near there, it snaps to it.",
         }),
       ),
     );

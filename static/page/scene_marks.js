@@ -11,7 +11,6 @@ import { number } from "./format.js";
 
 const EDGE = 14;
 const NORMAL_M = 0.06; // length of the arrow
-const RESIZED_MS = 200; // until viser has taken another size
 
 /**
  * @typedef {{ id: number; position_held_m: XYZ }} MarkedPick
@@ -44,6 +43,7 @@ export class SceneMarks extends PagePart {
   cursorAt = /** @type {Point | null} */ (null);
   dirty = true;
   key = ""; // of what is drawn: the camera
+  taken = ""; // the size that viser has taken
   width = 0;
   height = 0;
   question = this.page.question(
@@ -161,9 +161,10 @@ export class SceneMarks extends PagePart {
     if (!view) return;
     const key = `${view.camera.matrixWorldInverse.elements}${view.camera.projectionMatrix.elements}`;
     const [width, height] = [view.canvas.clientWidth, view.canvas.clientHeight];
-    const isResized = width !== this.width || height !== this.height;
-    if (!this.dirty && key === this.key && !isResized) return;
-    if (isResized) setTimeout(() => this.view?.redraw(), RESIZED_MS); // a scene that was hidden has lost its picture
+    const taken = `${view.canvas.width} ${view.canvas.height}`;
+    if (taken !== this.taken) view.redraw(); // another size has cleared viser's picture, as that of a hidden pane
+    this.taken = taken;
+    if (!this.dirty && key === this.key && width === this.width && height === this.height) return;
     this.dirty = false;
     this.key = key;
     this.width = width;

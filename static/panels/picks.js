@@ -82,7 +82,7 @@ export class PicksPanel extends PagePart {
     const outline = smallButton("Outline", () => send({ outline: true }), {
       pressed: grip.axis_from === "outline",
       key: "grip-outline",
-      tip: `Lay the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}`,
+      tip: `Turn the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}`,
     });
     const away = grip.outline_distance_m === null ? "–" : mm(1000 * grip.outline_distance_m, 0);
     const scatter = `${degrees(grip.normal_std_deg, 0)}, ${degrees(grip.axis_std_deg, 0)}`;

@@ -78,8 +78,7 @@ function showProposal(state, page, show) {
     !(pending.extends === null || pending.extends === "A") &&
       make(
         "p#extends.extends",
-        `Extends the floating piece ${pending.extends}, beside the shape.` +
-          " It joins the shape once a view connects them.",
+        `Extends the floating piece ${pending.extends}.` + " It joins the shape once a view connects them.",
       ),
     verdictOn(pending, limit, page),
     isMoved(nudge) &&

@@ -6,7 +6,7 @@ import { byId, closeButton, heading, make } from "../page/dom.js";
 
 const LEAST_VIEWS = 4;
 const AGAIN = "Opens the recording again with this setting";
-const SHOWN = "Two views laid on each other, as recorded and as mended";
+const SHOWN = "Two views on each other, as recorded and as mended";
 
 /**
  * @typedef {object} Finding

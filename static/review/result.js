@@ -95,8 +95,8 @@ export class ResultPanel extends PagePart {
     if (typeof sides?.certainty !== "number") return null;
     return make(
       "p.note.warn",
-      `The sides were told without masks: by their own certainty ${percent(1 - sides.certainty)} of this cloth is ` +
-        "of the wrong side, and it can be several times as much. Compare the source images, and stroke what is wrong: ",
+      `The sides were found without masks. They estimate that ${percent(1 - sides.certainty)} of this cloth is of the ` +
+        "wrong side; it can be several times as much. Compare the source images, and stroke what is wrong: ",
       this.page.smallButton("where_to_stroke"),
     );
   }

@@ -93,9 +93,8 @@ def the_difference_goes_through_color_height_and_position(tab, at):
         off = np.abs(around - np.array(tab.drawn(at.both)[0][:3])).max(axis=1)
         assert off.min() <= 40, (kind, around.tolist(), tab.drawn(at.both))
         tab.shoot(f"compare-difference-{kind}")
-    tab.page.keyboard.press("o")
+    tab.page.keyboard.press("d")
     expect(legend).to_be_hidden()
-    tab.page.keyboard.press("o")
 
 
 def both_values_and_their_difference_are_told_under_the_pointer(tab, at):

@@ -62,7 +62,7 @@ def back(tab):
     """Bring the proposal back to its best place, and the view back as it was."""
     tab.page.keyboard.press("Control+i")
     tab.until("flatcloth.state.pending.score > 0.75 && !flatcloth.state.drawing")
-    chip = tab.page.locator(".turned")
+    chip = tab.page.locator("#turned")
     if chip.is_visible():
         chip.click()
 
@@ -86,7 +86,7 @@ def turning_goes_both_ways_and_a_flip_exchanges_left_and_right(tab):
     x1, y1 = tab.at(a)
     assert x0 + x1 == pytest.approx(2 * middle["x"] + middle["width"], abs=1.0)
     assert y1 == pytest.approx(y0, abs=1.0)
-    tab.page.locator(".turned").click()
+    tab.page.locator("#turned").click()
 
 
 def pointer(tab):

@@ -62,3 +62,19 @@ def test_what_waits_is_jumped_to_and_decided_again_by_keys_alone(open_tab):
     tab.page.keyboard.press("j")
     tab.page.keyboard.press("Control+e")
     tab.until(f"flatcloth.state.pending?.view_index === {skipped}")
+
+
+def test_a_double_click_gives_one_verdict(open_tab):
+    """Its second click comes when the next view is there, which nobody has looked at."""
+    tab = open_tab().ready()
+    tab.step()
+    first = tab.state()["pending"]["view_index"]
+    accept = tab.page.locator("[data-action=accept]")
+    tab.page.evaluate("performance.now = () => 5000")
+    accept.click()
+    tab.until(f"flatcloth.state.pending && flatcloth.state.pending.view_index !== {first}")
+    accept.click()
+    tab.page.evaluate("performance.now = () => 6000")
+    tab.page.keyboard.press("k")
+    tab.until("flatcloth.state.views.some((view) => view.state === 'skipped')")
+    assert states(tab, "accepted") == [first]

@@ -97,7 +97,7 @@ refine | Refine from here | Ctrl+i | Let the method refine the present placement
 compare_shape | A: shape | , | Show the shape alone; again: both.
 compare_proposal | B: proposal | . | Show the proposal alone; again: both.
 blink | Blink | b | Blink the proposal against the shape; again: stop.
-compare_difference | Difference | d | Map the difference in color; again: in height, in 3D position.
+compare_difference | Difference | d | Map the difference in color; again: in height, in 3D, then both.
 diagnostics | Diagnostics | i | Show the diagnostics of the proposal: pairs of cloth, or the paper's
     lines.
 """,
