@@ -121,7 +121,8 @@ export class Handles {
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { places, held } = this;
     if (!places || !held) return;
-    for (const ghost of held.ghosts) if (!this.isAt(ghost)) this.drawGhost(context, style, held, ghost);
+    const named = /** @type {Rect[]} */ ([]);
+    for (const ghost of held.ghosts) if (!this.isAt(ghost)) this.drawGhost(context, style, held, ghost, named);
     const color = style.getPropertyValue("--accent");
     strokeLine(context, [places.edge, places.ring], color, 1.5);
     drawRing(context, places.ring, color, 6);
@@ -131,8 +132,11 @@ export class Handles {
     });
   }
 
-  /** @param {Context} context @param {Style} style @param {Held} held @param {Ghost} ghost */
-  drawGhost(context, style, held, ghost) {
+  /**
+   * A ghost with its name, below those that are `named` already.
+   * @param {Context} context @param {Style} style @param {Held} held @param {Ghost} ghost @param {Rect[]} named
+   */
+  drawGhost(context, style, held, ghost, named) {
     const { canvas } = this;
     const by = this.towards(ghost);
     const motion = canvas.motionOf(by);
@@ -145,8 +149,10 @@ export class Handles {
     context.textBaseline = "middle";
     const width = context.measureText(ghost.title).width + 8;
     const { ring, edge } = this.places ?? { ring: { y }, edge: { y } };
-    const off = ring.y > edge.y ? y - LABEL_PX : y + LABEL_PX; // the middle is a handle, too
-    drawLabel(context, style, ghost.title, [x - width / 2 + 4, off], [x - width / 2, off - 9, width, 18]);
+    const at = { x: x - width / 2, y: (ring.y > edge.y ? y - LABEL_PX : y + LABEL_PX) - 9, w: width, h: 18 }; // off its middle
+    while (named.some((one) => Math.abs(one.y - at.y) < 19 && one.x < at.x + at.w && at.x < one.x + one.w)) at.y += 2;
+    named.push(at);
+    drawLabel(context, style, ghost.title, [at.x + 4, at.y + 9], [at.x, at.y, at.w, at.h]);
   }
 
   get status() {

@@ -770,7 +770,6 @@ export interface CapturedView {
 
 /** The state of an active loop; ``angle_deg`` is the next one, None at the ``end`` or while it waits. */
 export interface ActiveStatus {
-  source: string;
   goal: string;
   budget: string;
   folder: string;
@@ -779,7 +778,6 @@ export interface ActiveStatus {
   angle_deg: number | null;
   turn_deg: number | null;
   why: string;
-  new_cm2: number | null;
   end: string | null;
   waiting: string;
   turning: boolean;

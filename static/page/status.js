@@ -90,8 +90,8 @@ function nextOf(state, doubt) {
 }
 
 /** How large the shape is, and what floats beside it. */
-function shapeOf(/** @type {State} */ { step, layers }) {
-  if (!layers) return [];
+function shapeOf(/** @type {State} */ { step, layers, mode }) {
+  if (!layers || mode === "camera") return [];
   const { pieces, area_cm2: floating } = floatingOf(layers);
   const floats = floating ? [`${cm2(floating)} float in ${count(pieces.length, "piece")}`] : [];
   return [`${cm2(layers.area_cm2)} from ${count(step, "view")}`, ...floats];

@@ -140,7 +140,6 @@ class ActiveStep(Sent, frozen=True):
 class ActiveStatus(Sent, frozen=True):
     """The state of an active loop; ``angle_deg`` is the next one, None at the ``end`` or while it waits."""
 
-    source: str
     goal: str
     budget: str
     folder: str
@@ -149,7 +148,6 @@ class ActiveStatus(Sent, frozen=True):
     angle_deg: float | None
     turn_deg: float | None
     why: str
-    new_cm2: float | None
     end: str | None
     waiting: str
     turning: bool
