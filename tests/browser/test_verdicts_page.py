@@ -70,7 +70,10 @@ def test_a_double_click_gives_one_verdict(open_tab):
     tab.step()
     first = tab.state()["pending"]["view_index"]
     accept = tab.page.locator("[data-action=accept]")
-    tab.page.evaluate("performance.now = () => 5000")
+    tab.page.evaluate(
+        "flatcloth.send({type: 'set', values: {advance: true}}), (performance.now = () => 5000)"
+    )
+    tab.until("flatcloth.state.settings.advance")
     accept.click()
     tab.until(f"flatcloth.state.pending && flatcloth.state.pending.view_index !== {first}")
     accept.click()
