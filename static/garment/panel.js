@@ -21,6 +21,8 @@ import { nearest } from "../canvas/geometry.js";
 import { drawDot } from "../canvas/marks.js";
 
 const NONE = "none of these";
+/** An angle within a full turn. */
+const full = (/** @type {number} */ angle) => (angle + 2 * Math.PI) % (2 * Math.PI);
 const SURE = 0.995; // the line above says it all
 
 export class GarmentPanel extends PagePart {
@@ -31,6 +33,7 @@ export class GarmentPanel extends PagePart {
   finished = false; // whether the finished shape was turned upright
   /** @type {{ angle: number; flipped: boolean } | null} */
   turnedFrom = null; // how the view was turned before it was turned upright, on the shown side
+  upright = 0; // the angle at which the garment that was found last is upright
   moved = /** @type {{ name: string; u: number; v: number } | null} */ (null); // a point that the keys move
   actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
   section = byId("garment");
@@ -58,6 +61,7 @@ export class GarmentPanel extends PagePart {
   update(/** @type {State} */ state) {
     this.finishUpright(state);
     this.known = state.garment ?? null;
+    this.followUpright();
     this.section.hidden = !this.known || !state.layers;
     if (!this.found?.points.some((point) => point.name === this.pointed)) this.pointed = null;
     this.drawing.update(this.known?.revision ?? 0);
@@ -161,6 +165,15 @@ export class GarmentPanel extends PagePart {
     if (!this.turnedFrom && angle === 0 && !flipped) this.toggleUpright();
   }
 
+  /** Recognised again, the garment may be upright at another angle: it stays upright unless somebody has turned it. */
+  followUpright() {
+    if (!this.found) return;
+    const { angle, flipped } = this.page.canvas.transform;
+    const [before, now] = [this.upright, full(this.found.upright_rad)];
+    this.upright = now;
+    if (this.turnedFrom && angle === before && !flipped && now !== before) this.page.looking.turn(now, false);
+  }
+
   toggleUpright() {
     const { looking, canvas } = this.page;
     if (!this.found) return this.page.notify("info", this.known?.text || "The garment is not known yet.");
@@ -170,14 +183,15 @@ export class GarmentPanel extends PagePart {
     } else {
       const { angle, flipped } = canvas.transform;
       this.turnedFrom = { angle, flipped };
-      looking.turn((this.found.upright_rad + 2 * Math.PI) % (2 * Math.PI), false);
+      looking.turn(full(this.found.upright_rad), false);
     }
     this.page.changed();
   }
 
   /** The garment was turned over, and with it how it was turned before. */
   turned() {
-    if (this.turnedFrom) this.turnedFrom.angle = (2 * Math.PI - this.turnedFrom.angle) % (2 * Math.PI);
+    if (this.turnedFrom) this.turnedFrom.angle = full(-this.turnedFrom.angle);
+    this.upright = full(-this.upright);
   }
 
   pointAt(/** @type {string | null} */ name) {

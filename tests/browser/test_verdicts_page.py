@@ -1,4 +1,4 @@
-"""What a proposal adds is foreseen; what waits, and the lowest score, are decided again by keys alone."""
+"""What a proposal adds is foreseen; what waits is decided again by keys alone."""
 
 from __future__ import annotations
 
@@ -74,6 +74,7 @@ def test_a_double_click_gives_one_verdict(open_tab):
         "flatcloth.send({type: 'set', values: {advance: true}}), (performance.now = () => 5000)"
     )
     tab.until("flatcloth.state.settings.advance")
+    tab.page.evaluate("performance.now = () => 5000")
     accept.click()
     tab.until(f"flatcloth.state.pending && flatcloth.state.pending.view_index !== {first}")
     accept.click()
