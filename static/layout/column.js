@@ -3,7 +3,6 @@
 import { PagePart } from "../page/page.js";
 import { byId, make, rebuild, smallButton, values } from "../page/dom.js";
 import { degrees, mm, vector } from "../page/format.js";
-import { stdMm } from "../panels/pick_text.js";
 
 const STROKES = [
   "brush_this",
@@ -106,11 +105,7 @@ export class Column extends PagePart {
             values(
               ["Place", held, HELD],
               ["Normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
-              pick.grip && [
-                "Grip",
-                gripText(pick.grip),
-                "Axis on the flattened view, opening, and one standard deviation of its position",
-              ],
+              pick.grip && ["Grip", gripText(pick.grip), "Axis on the flattened view, and opening"],
             ),
           ],
     );
@@ -136,5 +131,5 @@ function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts, /**
   return ["picking", "pick"]; // a pick is always in sight below, and leads away from nothing
 }
 
-const gripText = (/** @type {NonNullable<CurrentPick["grip"]>} */ { axis_deg, opening_m, position_std_m }) =>
-  `${degrees(axis_deg, 0)} · ${mm(1000 * opening_m, 0)} · ${stdMm(position_std_m)}`;
+const gripText = (/** @type {NonNullable<CurrentPick["grip"]>} */ { axis_deg, opening_m }) =>
+  `${degrees(axis_deg, 0)}, open ${mm(1000 * opening_m, 0)}`;
