@@ -9,7 +9,6 @@ import { LAYERS, layerAction, Looking } from "./canvas/look.js";
 import { Ruler } from "./canvas/ruler.js";
 import { Column } from "./layout/column.js";
 import { Layout } from "./layout/layout.js";
-import { PageAddress } from "./page/address.js";
 import { Connection } from "./page/connection.js";
 import { Dial, SceneMarks } from "./page/scene_marks.js";
 import { byId, showWords } from "./page/dom.js";
@@ -39,6 +38,7 @@ import { Teaching } from "./teaching/teaching.js";
 byId("unloaded").remove();
 
 const PATIENCE_MS = 8000; // with the first picture: without compiled kernels it takes a minute
+const AGAIN_MS = 400; // a second press so soon after a verdict is the same one: nobody has looked at the next view
 const LEAST_MOVE_M = 0.00005; // what is shown as 0.0 mm and 0.0° is no move
 const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
 
@@ -55,6 +55,7 @@ const canvas = (page.canvas = new FlatCanvas({
   placed: () => page.each("placed"),
   shown: () => settle(),
 }));
+let decidedMs = -Infinity; // when the last verdict was given
 const nudges = new KeyNudges(canvas, () => page.state, sendMove);
 const hover = page.add(new Hover(page));
 const comparison = (page.comparison = page.add(new Comparison(page)));
@@ -74,7 +75,6 @@ page.add(new Timeline(page, chooseView));
 page.add(new ReviewList(page));
 page.add(new ResultPanel(page));
 const column = page.add(new Column(page)); // after all that have a part of it
-page.add(new PageAddress(page));
 page.add(new Roving(page));
 const keyPointer = new KeyPointer();
 /** The lessons, once they are wanted. @type {Teaching | null} */
@@ -148,25 +148,20 @@ function showFrame(/** @type {State} */ state) {
   const playing = Boolean(state.capture?.playing);
   if (!playing) canvas.pick = state.pick?.in_shape ? state.pick : null;
   canvas.showMarks(playing ? [] : state.picks);
-  looking.show(page.layer);
+  looking.show();
   capture.watch(drawFrame);
 }
 
 function drawFrame(/** @type {FrameInfo} */ frame, /** @type {Shown | null} */ shown) {
   canvas.showFrame(shown, 0, frame.pick_uv_m);
   canvas.draw(); // at once: this is an animation frame, and what is acknowledged has been drawn
-  showLegend(frame.legend);
   showWords(byId("empty"), shown ? "" : frame.reason);
 }
 
 function showLayer(/** @type {State} */ state) {
-  canvas.update(state, page.layer, looking.query(page.layer));
-  comparison.show(state, looking.query(comparison.looked));
-  const [looked, legend] = comparison.legend
-    ? [comparison.looked, comparison.legend]
-    : [page.layer, state.layers?.legends[page.layer]];
-  showLegend(looking.legend(looked, legend));
-  looking.show(looked, legend, state.layers?.legends.truth.kind === "ramp");
+  canvas.update(state, page.layer);
+  showLegend(comparison.legend ?? state.layers?.legends[page.layer]);
+  looking.show(state.layers?.legends.truth.kind === "ramp");
   showWords(byId("empty"), state.layers ? "" : whyEmpty(state));
 }
 
@@ -184,8 +179,10 @@ function decide(/** @type {string} */ name, more = {}) {
   nudges.flush();
   const { pending } = page.thisSide;
   // The view that this user sees is the view that is meant, whatever has changed meanwhile.
-  const view = ["accept", "reject", "skip"].includes(action) && pending ? { view_index: pending.view_index } : {};
-  send({ type: "do", action, ...view, ...more });
+  const isVerdict = ["accept", "reject", "skip"].includes(action) && pending !== null;
+  if (isVerdict && performance.now() - decidedMs < AGAIN_MS) return;
+  if (isVerdict) decidedMs = performance.now();
+  send({ type: "do", action, ...(isVerdict ? { view_index: pending.view_index } : {}), ...more });
 }
 
 function chooseView(/** @type {ViewRow} */ view) {

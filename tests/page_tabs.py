@@ -44,10 +44,10 @@ def open_socket(server: PageServer, path: str = "/ws", **options: Any) -> Client
     return connect(f"ws://{address}{path}", **{**usual, **options})
 
 
-def get_frame(server: PageServer, after: int = 0, layer: str = "color") -> dict[str, Any]:
+def get_frame(server: PageServer, after: int = 0) -> dict[str, Any]:
     """Return the next frame of a camera that could be flattened, with its picture as ``image``."""
     while True:
-        answer = get(server, f"/capture/frame/{after}/{layer}")
+        answer = get(server, f"/capture/frame/{after}")
         if answer.status_code == 200:
             frame, pictures = unpack(io.BytesIO(answer.content).read)
             if pictures:

@@ -232,7 +232,7 @@ def _opened_loop(options: Options, eye: Eye, name: str, stack: contextlib.ExitSt
         return Opened(
             loop.integration,
             loop.session,
-            controller=functools.partial(ActiveApplication, loop, eye=eye, source=name),
+            controller=functools.partial(ActiveApplication, loop, eye=eye),
             base_from_camera=options.base_from_camera(),
             close=stack.pop_all().close,
         )

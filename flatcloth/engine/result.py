@@ -336,16 +336,6 @@ def _parts(integration: Integration, view_index: int, states: Uint8 | None) -> I
     )
 
 
-def expected_next_m2(areas: Areas, document: Document) -> float | None:
-    """Return what the next view is expected to add, in the light of what the last ones did; None: unknown."""
-    plan = areas.integration.plan(replace(document, pending=None, finished=None))
-    planned = {c.view_index: c.new_m2 for c in plan.candidates}
-    if plan.view_index not in planned:
-        return None
-    share = _share(areas, document)
-    return planned[plan.view_index] * (1.0 if share is None else share)
-
-
 def _more(areas: Areas, document: Document) -> More:
     plan = areas.integration.plan(replace(document, pending=None, finished=None))
     angles_deg = areas.integration.recording.angles_deg

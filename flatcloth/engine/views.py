@@ -39,7 +39,7 @@ from flatcloth.flattening.surface import (
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
 from flatcloth.recordings.writer import GrowingRecording
-from flatcloth.registration.axis import axis_agreement, resolve_axis
+from flatcloth.registration.axis import resolve_axis
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
 
@@ -152,7 +152,7 @@ class RecordedViews:
         if self.sides is not None:
             notes.append(
                 "This recording has no masks: the side of interest is found from the views. "
-                "Strokes in session mode correct it."
+                "Strokes correct it."
             )
         elif not self.recording.has_masks:
             notes.append(
@@ -198,10 +198,6 @@ class RecordedViews:
             self.turn_about(hanging.axis)
         elif self._segmenter is not None:
             self._find_sides()
-
-    def axis_agreement(self) -> str:
-        """Describe in a sentence how well the views agree with the present axis."""
-        return axis_agreement(self.recording, self.frame, self.axis, self.config.surface)
 
     # ---------------------------------------------------------------- the side of interest
 

@@ -17,7 +17,6 @@ from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
 from flatcloth.registration.axis_estimation import (
     UP,
-    agreement,
     choose_views,
     coarse_features,
     estimate_axis,
@@ -95,20 +94,6 @@ def resolve_axis(recording: Recording, frame: Callable[[int], RgbdFrame], config
     )
     return Hanging(
         axis=replace(upright, point_m=top), held_point_m=top, notes=(_cannot_tell(recording, seen, top),)
-    )
-
-
-def axis_agreement(
-    recording: Recording, frame: Callable[[int], RgbdFrame], axis: RotationAxis, config: SurfaceConfig
-) -> str:
-    """Describe in a sentence how well the views agree with an axis."""
-    seen = _of_readable(choose_views(recording.angles_deg), lambda view: coarse_features(frame(view), config))
-    found = agreement(seen, axis)
-    if found is None:
-        return "No two views show common surface, so the axis cannot be checked."
-    return (
-        f"With this axis {found.agreeing_share:.0%} of the surface agrees between views, "
-        f"to {1000 * found.rms_m:.1f} mm."
     )
 
 

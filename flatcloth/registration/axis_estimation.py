@@ -216,15 +216,6 @@ def estimate_axis(views: Sequence[ViewFeatures], starts_m: Sequence[Float64]) ->
     return AxisEstimate(axis=axis, agreeing_share=final.agreeing_share, rms_m=final.rms_m)
 
 
-def agreement(views: Sequence[ViewFeatures], axis: RotationAxis) -> AxisEstimate | None:
-    """Return how well the views agree with a given axis; None if no two show common surface."""
-    pairs = _pairs([view.angle_deg for view in views])
-    if not pairs:
-        return None
-    found = _equations(views, _State(axis), pairs, _SCALES_M[-1])
-    return AxisEstimate(axis=axis, agreeing_share=found.agreeing_share, rms_m=found.rms_m)
-
-
 def _pairs(angles_deg: Sequence[float]) -> list[tuple[int, int]]:
     """Return the pairs of views with common surface, the closest first."""
     apart = np.abs(wrapped_deg(np.subtract.outer(angles_deg, angles_deg)))

@@ -26,9 +26,8 @@ def _table(name: str) -> Uint8:
 
 @dataclass(frozen=True)
 class ColorMap:
-    """A map that the user can choose: its title, and its name in cmap's catalog."""
+    """A map by its name in cmap's catalog."""
 
-    title: str
     name: str
 
     def table(self) -> Uint8:
@@ -37,10 +36,9 @@ class ColorMap:
 
 
 MAPS: dict[str, ColorMap] = {
-    "sequential": ColorMap("Blue to yellow", "cmocean:deep_r"),
-    "loss": ColorMap("Yellow to purple", "cmocean:matter"),
-    "diverging": ColorMap("Blue, white, red", "colorcet:CET_D1A"),
-    "gray": ColorMap("Gray", "colorcet:CET_L2"),
+    "sequential": ColorMap("cmocean:deep_r"),
+    "loss": ColorMap("cmocean:matter"),
+    "diverging": ColorMap("colorcet:CET_D1A"),
 }
 """The maps for scalar layers, chosen for even steps in Oklab (B. Ottosson, 2020); ``loss`` is for quantities
 that should be small."""

@@ -57,42 +57,8 @@ CONFLICT_M = 0.010
 """Points of proposal and shape at one place of the plane that are farther apart in space are in conflict.
 Chosen: half the range of the colours of this difference."""
 
-_LEAST_WINDOW = 1e-4
-"""Width of the narrowest window. Chosen: far below a step of 8-bit values."""
 _UNKNOWN = (128, 128, 128)
 """Color of pixels without a value: middle grey."""
-
-
-@dataclass(frozen=True)
-class Appearance:
-    """The display settings of a layer: a colour map by name (None: the layer's own), and a window.
-
-    ``low`` and ``high`` are the shares of the layer's range with the first and the last colour; for
-    the color layer they are the black and the white level.
-
-    Raises
-    ------
-    FlatclothError
-        If the map is unknown, or the window is empty, too narrow or outside 0 to 1.
-    """
-
-    color_map: str | None = None
-    low: float = 0.0
-    high: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Check the values, which come from a page."""
-        if self.color_map is not None and self.color_map not in MAPS:
-            raise FlatclothError(
-                f"Unknown colour map {self.color_map!r:.40}; choose one of {', '.join(MAPS)}."
-            )
-        if not (0.0 <= self.low <= self.high - _LEAST_WINDOW and self.high <= 1.0):
-            raise FlatclothError(
-                f"A window needs 0 <= low < high <= 1, {_LEAST_WINDOW} apart, not {self.low} to {self.high}."
-            )
-
-
-PLAIN = Appearance()
 
 
 def rgba(
@@ -100,7 +66,6 @@ def rgba(
     layer: str,
     axis: RotationAxis,
     n_views: int,
-    appearance: Appearance = PLAIN,
     like: FlattenedView | None = None,
     *,
     colors: int = 256,
@@ -121,18 +86,18 @@ def rgba(
     valid = view.valid
     image[..., 3] = np.where(valid, 255, 0)
     if layer == "color":
-        image[valid, :3] = _levels(view.rgb[valid], appearance)
+        image[valid, :3] = view.rgb[valid]
     elif layer == "source":
         image[valid, :3] = view_colors(n_views)[np.clip(view.view_index[valid], 0, n_views - 1)]
     elif (values := _values(view, layer, axis)) is None:
         image[valid, :3] = _UNKNOWN
     else:
         low, high = layer_range(view if like is None else like, layer, axis)
-        image[valid, :3] = _colors(values, SCALARS[layer].map, low, high, appearance, colors)
+        image[valid, :3] = _colors(values, SCALARS[layer].map, low, high, colors)
     return image
 
 
-def difference_rgba(difference: Difference, kind: str, appearance: Appearance = PLAIN) -> Uint8:
+def difference_rgba(difference: Difference, kind: str) -> Uint8:
     """Return a heat map (H, W, 4) uint8 of a difference; transparent where not both have cloth.
 
     Raises
@@ -146,7 +111,7 @@ def difference_rgba(difference: Difference, kind: str, appearance: Appearance = 
     common = difference.common
     image = np.zeros((*common.shape, 4), dtype=np.uint8)
     image[common, 3] = 255
-    image[common, :3] = _colors(values[common], about["map"], about["low"], about["high"], appearance)
+    image[common, :3] = _colors(values[common], about["map"], about["low"], about["high"])
     return image
 
 
@@ -193,23 +158,12 @@ def _values(view: FlattenedView, layer: str, axis: RotationAxis) -> Floats | Non
     return None if view.quality is None else view.quality[view.valid, QUALITY_LAYERS[layer]]
 
 
-def _colors(
-    values: Floats, own_map: str, low: float, high: float, appearance: Appearance, count: int = 256
-) -> Uint8:
-    span = high - low
-    table = MAPS[appearance.color_map or own_map].table()
+def _colors(values: Floats, own_map: str, low: float, high: float, count: int = 256) -> Uint8:
+    table = MAPS[own_map].table()
     table = table[np.linspace(0, len(table) - 1, count).round().astype(np.intp)]
-    colors = apply_table(table, values, low + span * appearance.low, low + span * appearance.high)
+    colors = apply_table(table, values, low, high)
     colors[~np.isfinite(values)] = _UNKNOWN
     return colors
-
-
-def _levels(rgb: Uint8, appearance: Appearance) -> Uint8:
-    if (appearance.low, appearance.high) == (0.0, 1.0):
-        return rgb
-    share = (np.arange(256) / 255.0 - appearance.low) / (appearance.high - appearance.low)
-    level: Uint8 = np.rint(255.0 * share.clip(0.0, 1.0)).astype(np.uint8)
-    return np.take(level, rgb)
 
 
 def is_known(view: FlattenedView, layer: str, axis: RotationAxis) -> bool:

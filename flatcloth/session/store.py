@@ -18,7 +18,7 @@ import numpy as np
 from flatcloth.core.config import Config
 from flatcloth.core.errors import JournalError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
-from flatcloth.core.types import Floats, RotationAxis
+from flatcloth.core.types import Floats
 from flatcloth.recordings.base import Recording
 from flatcloth.session.header import Header, grown, settle_header, write_header
 from flatcloth.session.journal import (
@@ -33,7 +33,6 @@ from flatcloth.session.journal import (
     read_journal,
 )
 from flatcloth.session.journal_file import JournalFile, LockedError, open_locked
-from flatcloth.session.kept import write_axis
 from flatcloth.session.machine import Cancel, SessionState
 
 _log = logging.getLogger(__name__)
@@ -168,16 +167,6 @@ class SessionFolder:
         )
         self.record(change)
         return self._replay.picks[change.id]
-
-    def keep_axis(self, axis: RotationAxis) -> None:
-        """Save a turning axis that was set by hand with the session, in ``axis.json``.
-
-        Raises
-        ------
-        JournalError
-            If it cannot be written.
-        """
-        write_axis(self._folder, axis)
 
     def take_notices(self) -> tuple[str, ...]:
         """Return the notices for the user, once: sentences on where the session is stored."""

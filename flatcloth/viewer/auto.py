@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from flatcloth.session.document import Document, Pending
+from flatcloth.session.document import Pending
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -28,11 +28,6 @@ MUCH_FLOATS = 0.1
 
 
 @dataclass(frozen=True)
-class Foresee:
-    """Look up what the next view is expected to add."""
-
-
-@dataclass(frozen=True)
 class Wait:
     """Wait for the operator, who sees the reason."""
 
@@ -48,16 +43,10 @@ class End:
     by_choice: str = ""
 
 
-Step = Command | Foresee | Wait | End | None
+Step = Command | Wait | End | None
 
 
-def next_step(
-    state: SessionState,
-    auto: AutoInfo,
-    settings: Settings,
-    picture: Picture | None,
-    expected: tuple[Document, float | None] | None,
-) -> Step:
+def next_step(state: SessionState, auto: AutoInfo, settings: Settings, picture: Picture | None) -> Step:
     """Return what Auto does next; None: nothing, until something changes.
 
     Parameters
@@ -70,8 +59,6 @@ def next_step(
         Least score, and how far it runs.
     picture : Picture or None
         What is shown; Auto waits until it shows the session.
-    expected : (Document, float or None) or None
-        What the next view is expected to add (m2) to a document, if it was looked up.
     """
     document, pending = state.document, state.document.pending
     started = document.start_view is not None
@@ -87,11 +74,11 @@ def next_step(
     if pending is not None:
         unsure = _what_is_unsure(pending, settings.auto_threshold)
         return Wait(unsure) if unsure else Accept(pending.view_index)
-    known = expected if expected is not None and expected[0] is document else None
-    if settings.auto_until == "area" and known is None:
-        return Foresee()
-    enough = _why_enough(settings, len(document.used_views), known and known[1])
-    return _end(enough, picture, by_choice=enough) if enough and not document.later else Propose()
+    n_views = len(document.used_views)
+    if settings.auto_until == "views" and n_views >= settings.auto_views and not document.later:
+        enough = f"The shape has {n_views} views, as chosen."
+        return _end(enough, picture, by_choice=enough)
+    return Propose()
 
 
 def after(auto: AutoInfo, command: Command) -> AutoInfo:
@@ -105,25 +92,9 @@ def after(auto: AutoInfo, command: Command) -> AutoInfo:
 
 def until_text(settings: Settings) -> str:
     """Return until when Auto runs, in words."""
-    match settings.auto_until:
-        case "area":
-            return f"until a view adds less than {settings.auto_least_cm2:.0f} cm²"
-        case "views":
-            return f"until the shape has {settings.auto_views:.0f} views"
+    if settings.auto_until == "views":
+        return f"until the shape has {settings.auto_views:.0f} views"
     return "until no view adds cloth"
-
-
-def _why_enough(settings: Settings, n_views: int, expected_m2: float | None) -> str:
-    """Return why no further view is proposed by the operator's choice; empty: go on."""
-    if settings.auto_until == "views" and n_views >= settings.auto_views:
-        return f"The shape has {n_views} views, as chosen."
-    if settings.auto_until == "area" and expected_m2 is not None:
-        if 1e4 * expected_m2 < settings.auto_least_cm2:
-            return (
-                f"The next view is expected to add {1e4 * expected_m2:.0f} cm², less than the chosen"
-                f" {settings.auto_least_cm2:.0f} cm²."
-            )
-    return ""
 
 
 def _what_is_unsure(pending: Pending, threshold: float) -> str:

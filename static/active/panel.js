@@ -1,7 +1,7 @@
 // The active loop: what is to be known, the next angle with what is expected of it, and what the last turns brought.
 
 import { PagePart } from "../page/page.js";
-import { byId, choice, field, heading, make, rebuild } from "../page/dom.js";
+import { byId, choice, field, make, rebuild } from "../page/dom.js";
 import { count, degrees } from "../page/format.js";
 
 export class ActivePanel extends PagePart {
@@ -18,7 +18,7 @@ export class ActivePanel extends PagePart {
 
   parts(/** @type {ActiveStatus} */ status) {
     return [
-      heading("Active loop", make("span.quiet-text", { tip: status.folder }, status.source)),
+      make("h2", { tip: status.folder }, "Active loop"),
       field("Goal", this.goals(status)),
       make("p.quiet-text", `${count(status.views, "view")}; budget ${status.budget}.`),
       make("p.quiet-text", status.why && `Expected: ${status.why}.`),

@@ -13,9 +13,9 @@ export class Beside {
   }
 
   /** Show the other side beside this one, or not. */
-  update(/** @type {State} */ { other }, /** @type {string} */ layer, /** @type {string} */ look) {
+  update(/** @type {State} */ { other }, /** @type {string} */ layer) {
     const layers = this.wanted && this.canvas.side === "this" ? other?.layers : null;
-    if (layers) this.picture.show(`other/${layers.revision}/${layer}.png?${look}`, layers.revision, layers, false);
+    if (layers) this.picture.show(`other/${layers.revision}/${layer}.png`, layers.revision, layers, false);
     else this.picture.clear();
   }
 

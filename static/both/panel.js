@@ -7,7 +7,7 @@ import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
 import { words } from "../garment/marks.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { byId, make, rebuild, swatch, values } from "../page/dom.js";
-import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
+import { cm2, count, floatingOf, mm, number } from "../page/format.js";
 
 const HIT_PX = 8;
 const NEAR_M = 0.08; // from a seam to a point by which it is named
@@ -62,7 +62,7 @@ export class BothSides extends PagePart {
       this.turn("other");
     }
     if ((this.chosen ?? 0) >= (this.other?.seams.length ?? 0)) this.chosen = null;
-    this.showChip();
+    this.chip.hidden = this.canvas.side === "this" || this.page.hasCamera;
     if (this.other && !this.section.hidden) this.show(this.other);
   }
 
@@ -111,26 +111,19 @@ export class BothSides extends PagePart {
     this.canvas.fit();
   }
 
-  showChip() {
-    const { side } = this.canvas;
-    this.chip.hidden = side === "this" || this.page.hasCamera;
-    this.chip.textContent = "Other side, as seen from outside";
-  }
-
   // --- the panel ---------------------------------------------------------------------------------
 
   show(/** @type {NonNullable<State["other"]>} */ other) {
     const { thisSide } = this.page;
-    const own = thisSide.layers?.area_cm2;
     rebuild(this.section, ["both"], () => [
       make("h2", "Both sides"),
       this.page.group("Sides, shown", ["beside", "seams", "joints"]),
       make("div#both-about"),
     ]);
     const points = thisSide.garment?.found?.points;
-    rebuild(byId("both-about"), [other, own, this.showsSeams, this.chosen, this.places, points], () => [
+    rebuild(byId("both-about"), [other, this.showsSeams, this.chosen, this.places, points], () => [
       this.progress(other),
-      other.layers && this.areas(other.layers, own ?? 0, other),
+      other.layers && this.areas(other.layers, other),
       this.showsSeams && this.places && this.seams(other, namesOf(this.places, points ?? [])),
     ]);
   }
@@ -147,21 +140,15 @@ export class BothSides extends PagePart {
     );
   }
 
-  /** @param {NonNullable<State["layers"]>} layers @param {number} own @param {NonNullable<State["other"]>} other */
-  areas(layers, own, { is_related, seams, reliable_share }) {
+  /** @param {NonNullable<State["layers"]>} layers @param {NonNullable<State["other"]>} other */
+  areas(layers, { is_related, seams }) {
     const floating = floatingOf(layers);
     const joined = seams.filter((seam) => !seam.why);
     const length = joined.reduce((sum, seam) => sum + seam.length_mm, 0) / 10;
     return values(
-      ["This side", cm2(own), "Cloth in the shape"],
       ["Other side", cm2(layers.area_cm2), "Cloth of the other side, without its floating pieces"],
-      floating.pieces.length && ["Floating", `${cm2(floating.area_cm2)} of the other side`],
+      floating.pieces.length && ["Its floating", cm2(floating.area_cm2)],
       ["Joined", is_related ? `${number(length, 0)} cm of seams` : "by no seam", "Length of the seams that join"],
-      reliable_share !== null && [
-        "Reliable",
-        percent(reliable_share),
-        "Share of the other side placed to 10 mm or better, relative to this side",
-      ],
     );
   }
 
@@ -199,8 +186,7 @@ export class BothSides extends PagePart {
         },
         swatch(color),
         make("b", name),
-        ` ${number(seam.length_mm / 10, 0)} cm`,
-        make("small", seam.why ? "does not join" : "joins"),
+        make("small", `${number(seam.length_mm / 10, 0)} cm, ${seam.why ? "does not join" : "joins"}`),
       ),
       on && this.detail(seam, n, working),
     );

@@ -10,6 +10,7 @@ import { Pyramid } from "./pyramid.js";
 const CLICK_PX = 4;
 const MARGIN_PX = 34;
 const SLACK_M = 0.05;
+const FOOT_PX = 40; // of the scale and of what is said beside it
 const LEGEND_GAP_PX = 12;
 const LEAST_FREE_SHARE = 0.5; // a legend that leaves less of the pane lies over the cloth
 
@@ -79,25 +80,25 @@ export class FlatCanvas {
     return this.layer.shown?.revision ?? 0;
   }
 
-  /** Take what a state says about the pictures, and show the named layer; `look` is how, for an address. */
-  update(/** @type {State} */ state, /** @type {string} */ layerName, look = "") {
+  /** Take what a state says about the pictures, and show the named layer. */
+  update(/** @type {State} */ state, /** @type {string} */ layerName) {
     const layers = state.layers;
     if (!layers) {
       this.layer.clear();
       this.overlay.clear();
     } else {
-      this.layer.show(`${this.folder}/${layers.revision}/${layerName}.png?${look}`, layers.revision, layers, false);
+      this.layer.show(`${this.folder}/${layers.revision}/${layerName}.png`, layers.revision, layers, false);
       const overlay = state.pending ? layers.overlay : null;
       if (overlay && overlay.view_index === state.pending?.view_index) {
         this.center = overlay.center_uv_m;
         // In the colours of the shape, which span another range when the shape changes.
-        const address = `overlay/${overlay.revision}.png?layer=${layerName}&shape=${layers.revision}&${look}`;
+        const address = `overlay/${overlay.revision}.png?layer=${layerName}&shape=${layers.revision}`;
         this.overlay.show(address, overlay.revision, overlay, true);
       } else {
         this.overlay.clear();
       }
     }
-    this.beside.update(state, layerName, look);
+    this.beside.update(state, layerName);
     this.showMarks(state.picks);
     const at = state.pick?.in_shape ? this.shownAt(state.pick.side, state.pick.uv_m) : null;
     this.pick = state.pick && at && { ...state.pick, uv_m: at };
@@ -202,10 +203,10 @@ export class FlatCanvas {
     if (places.length && this.width) {
       const legend = byId("legend");
       const free = this.width - (legend.hidden ? 0 : legend.offsetWidth + LEGEND_GAP_PX);
-      this.transform.fit(places, this.width, this.height, MARGIN_PX);
+      const height = this.height - FOOT_PX;
+      this.transform.fit(places, this.width, height, MARGIN_PX);
       const right = Math.max(...places.map(([u, v]) => this.transform.toPane(u, v).x));
-      if (right > free && free > LEAST_FREE_SHARE * this.width)
-        this.transform.fit(places, free, this.height, MARGIN_PX);
+      if (right > free && free > LEAST_FREE_SHARE * this.width) this.transform.fit(places, free, height, MARGIN_PX);
     }
     this.redraw();
   }

@@ -1,21 +1,18 @@
-// A, the shape, and B, the proposal on it: both, each alone, wiped, blinking, or their difference.
+// A, the shape, and B, the proposal on it: both, each alone, blinking, or their difference.
 
 import { PagePart } from "../page/page.js";
-import { byId, make, rebuild, showWords, swatch, taken, within } from "../page/dom.js";
+import { byId, make, rebuild, showWords, swatch } from "../page/dom.js";
 import { degrees, hex, mm, number, vector } from "../page/format.js";
 import { Picture } from "./picture.js";
 
 const BLINK_MS = 450;
-const WIPE_STEP = 0.02;
 const PALE = 0.25;
 const OPACITY = 0.7; // of the proposal on the shape
 
 /** Actions in the order of their buttons, the mode that each means, its label. @type {[string, string, string][]} */
 const MODES = [
-  ["overlay", "both", "Both"],
   ["compare_shape", "shape", "A"],
   ["compare_proposal", "proposal", "B"],
-  ["compare_wipe", "wipe", "Wipe"],
   ["blink", "blink", "Blink"],
   ["compare_difference", "difference", "Differ"],
 ];
@@ -28,33 +25,27 @@ export class Comparison extends PagePart {
   actions = Object.fromEntries(MODES.map(([name, mode]) => [name, () => this.choose(mode)]));
   mode = "both";
   kind = "color";
-  share = 0.5; // of the pane's width, where the wipe stands
   showsProposal = true;
   legends = /** @type {Record<string, Legend> | null} */ (null);
   timer = 0; // of blinking
   heat = new Picture(() => this.canvas.redraw());
-  handle = byId("wipe");
   chip = byId("compare-chip");
 
   constructor(/** @type {Page} */ page) {
     super(page);
     this.canvas.scenery = this;
-    this.handle.addEventListener("pointerdown", (event) => this.grab(event));
-    this.handle.addEventListener("pointermove", (event) => this.drag(event));
-    this.handle.addEventListener("keydown", (event) => this.key(event));
   }
 
   get proposal() {
     return this.canvas.overlay.shown;
   }
 
-  /** Choose a mode; the same again goes back to both, or on to the next difference. */
+  /** Choose a mode; the same again goes on to the next difference, then back to both. */
   choose(/** @type {string} */ mode) {
-    if (mode === "difference" && this.mode === mode) {
-      this.kind = next(KINDS, this.kind);
-      return this.page.changed();
-    }
-    this.setMode(mode !== this.mode ? mode : mode === "both" ? "shape" : "both");
+    const isAgain = mode === this.mode;
+    const other = KINDS[KINDS.indexOf(this.kind) + 1];
+    if (mode === "difference") this.kind = (isAgain && other) || KINDS[0];
+    this.setMode(isAgain && !(mode === "difference" && other) ? "both" : mode);
   }
 
   setMode(/** @type {string} */ mode) {
@@ -74,18 +65,16 @@ export class Comparison extends PagePart {
     return Object.fromEntries(MODES.map(([name, mode]) => [name, mode === this.mode]));
   }
 
-  /** Take a state, and how layers are looked at; the difference is fetched while it is looked at. */
-  show(/** @type {State} */ state, /** @type {string} */ look) {
+  /** Take a state; the difference is fetched while it is looked at. */
+  update(/** @type {State} */ state) {
     const overlay = state.pending ? state.layers?.overlay : null;
     this.legends = overlay?.differences ?? null;
     if (overlay && this.mode === "difference") {
-      const address = `difference/${state.layers?.revision}-${overlay.revision}/${this.kind}.png?${look}`;
+      const address = `difference/${state.layers?.revision}-${overlay.revision}/${this.kind}.png`;
       this.heat.show(address, overlay.revision, overlay, false);
     } else {
       this.heat.clear();
     }
-    this.handle.hidden = !overlay || this.mode !== "wipe";
-    this.placeHandle();
     const view = state.pending?.view_index;
     const label = { shape: "A: the shape alone", proposal: `B: view ${view} alone` }[this.mode];
     showWords(this.chip, (overlay && label) ?? "");
@@ -101,11 +90,6 @@ export class Comparison extends PagePart {
     return this.heat.shown?.address?.includes(`/${this.kind}.png`) ? this.kind : null;
   }
 
-  /** The name under which its difference is looked at. */
-  get looked() {
-    return `difference-${this.kind}`;
-  }
-
   /** The legend of what is looked at, if it is a difference. */
   get legend() {
     return this.mode === "difference" ? (this.legends?.[this.kind] ?? null) : null;
@@ -115,15 +99,11 @@ export class Comparison extends PagePart {
 
   paint(/** @type {FlatCanvas} */ canvas) {
     if (!this.proposal) return canvas.drawShape();
-    const at = this.share * canvas.width;
     switch (this.mode) {
       case "shape":
         return canvas.drawShape();
       case "proposal":
         return canvas.drawProposal();
-      case "wipe":
-        this.within(0, at, () => canvas.drawShape());
-        return this.within(at, canvas.width - at, () => canvas.drawProposal());
       case "difference":
         return this.paintDifference(canvas);
       default:
@@ -146,53 +126,9 @@ export class Comparison extends PagePart {
     if (proposal?.outline) canvas.drawPicture(proposal, proposal.outline);
   }
 
-  /** @param {number} left @param {number} width @param {() => void} paint */
-  within(left, width, paint) {
-    const { context, height } = this.canvas;
-    context.save();
-    context.beginPath();
-    context.rect(left, 0, width, height);
-    context.clip();
-    paint();
-    context.restore();
-  }
-
-  /** Whether the proposal is seen, and so can be taken hold of, at a place of the pane. */
-  holds(/** @type {number} */ x) {
-    if (this.mode === "shape") return false;
-    return this.mode !== "wipe" || x > this.share * this.canvas.width;
-  }
-
-  // --- the wipe --------------------------------------------------------------------------------
-
-  placeHandle() {
-    this.handle.style.left = `${100 * this.share}%`;
-    this.handle.setAttribute("aria-valuenow", String(Math.round(100 * this.share)));
-  }
-
-  setShare(/** @type {number} */ share) {
-    this.share = within(share, 0, 1);
-    this.placeHandle();
-    this.canvas.redraw();
-  }
-
-  grab(/** @type {PointerEvent} */ event) {
-    this.handle.setPointerCapture(event.pointerId);
-    event.preventDefault();
-    this.handle.focus();
-  }
-
-  drag(/** @type {PointerEvent} */ event) {
-    if (!this.handle.hasPointerCapture(event.pointerId)) return;
-    const stage = byId("stage").getBoundingClientRect();
-    this.setShare((event.clientX - stage.left) / stage.width);
-  }
-
-  key(/** @type {KeyboardEvent} */ event) {
-    const step = { ArrowLeft: -WIPE_STEP, ArrowRight: WIPE_STEP }[event.key];
-    if (!step) return;
-    taken(event); // here the arrows move the wipe, not the proposal
-    this.setShare(this.share + step * (event.shiftKey ? 5 : 1));
+  /** Whether the proposal is seen, and so can be taken hold of. */
+  holds() {
+    return this.mode !== "shape";
   }
 
   // --- buttons ---------------------------------------------------------------------------------
@@ -202,9 +138,6 @@ export class Comparison extends PagePart {
     return make("div.modes.segmented-grid", ...MODES.map(([name, , label]) => this.page.button(name, label)));
   }
 }
-
-/** @param {string[]} list @param {string} item */
-const next = (list, item) => list[(list.indexOf(item) + 1) % list.length];
 
 // --- both values under the pointer ---------------------------------------------------------------
 

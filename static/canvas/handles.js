@@ -11,6 +11,7 @@ const ABOVE_PX = 26; // of the ring over the proposal
 const LABEL_PX = 26; // of a ghost, off its middle, away from the ring
 const SNAP_PX = 16;
 const SNAP_RAD = 0.14; // 8 degrees
+const SAME = 1e-6;
 const STILL = { theta_rad: 0, u_m: 0, v_m: 0 };
 
 export class Handles {
@@ -35,9 +36,9 @@ export class Handles {
     const ghosts = pending?.ghosts ?? [];
     rebuild(byId("ghosts"), [pending?.view_index, ghosts], () =>
       ghosts.map((ghost) =>
-        smallButton(`Lay ${titleOf(ghost)}`, () => this.layAt(ghost), {
+        smallButton(`Place ${titleOf(ghost)}`, () => this.layAt(ghost), {
           key: `ghost-${ghost.source}`,
-          tip: "Lay the piece where its ghost is drawn. Dragged near there, it snaps to it.",
+          tip: "Place the piece where its ghost is drawn. Dragged near there, it snaps to it.",
         }),
       ),
     );
@@ -91,6 +92,13 @@ export class Handles {
     return { theta: Math.atan2(Math.sin(turn), Math.cos(turn)), u: u - canvas.center[0], v: v - canvas.center[1] };
   }
 
+  /** Whether what is held lies there already. */
+  isAt(/** @type {Ghost} */ ghost) {
+    const { theta, u, v } = this.towards(ghost);
+    const { preview } = this.canvas;
+    return Math.hypot(theta - preview.theta, u - preview.u, v - preview.v) < SAME;
+  }
+
   /** A motion of what is held, or that to a ghost which is near. @returns {By} */
   snap(/** @type {By} */ by) {
     this.snapped = null;
@@ -113,7 +121,8 @@ export class Handles {
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { places, held } = this;
     if (!places || !held) return;
-    for (const ghost of held.ghosts) this.drawGhost(context, style, held, ghost);
+    const named = /** @type {Rect[]} */ ([]);
+    for (const ghost of held.ghosts) if (!this.isAt(ghost)) this.drawGhost(context, style, held, ghost, named);
     const color = style.getPropertyValue("--accent");
     strokeLine(context, [places.edge, places.ring], color, 1.5);
     drawRing(context, places.ring, color, 6);
@@ -123,8 +132,11 @@ export class Handles {
     });
   }
 
-  /** @param {Context} context @param {Style} style @param {Held} held @param {Ghost} ghost */
-  drawGhost(context, style, held, ghost) {
+  /**
+   * A ghost with its name, below those that are `named` already.
+   * @param {Context} context @param {Style} style @param {Held} held @param {Ghost} ghost @param {Rect[]} named
+   */
+  drawGhost(context, style, held, ghost, named) {
     const { canvas } = this;
     const by = this.towards(ghost);
     const motion = canvas.motionOf(by);
@@ -137,8 +149,10 @@ export class Handles {
     context.textBaseline = "middle";
     const width = context.measureText(ghost.title).width + 8;
     const { ring, edge } = this.places ?? { ring: { y }, edge: { y } };
-    const off = ring.y > edge.y ? y - LABEL_PX : y + LABEL_PX; // the middle is a handle, too
-    drawLabel(context, style, ghost.title, [x - width / 2 + 4, off], [x - width / 2, off - 9, width, 18]);
+    const at = { x: x - width / 2, y: (ring.y > edge.y ? y - LABEL_PX : y + LABEL_PX) - 9, w: width, h: 18 }; // off its middle
+    while (named.some((one) => Math.abs(one.y - at.y) < 19 && one.x < at.x + at.w && at.x < one.x + one.w)) at.y += 2;
+    named.push(at);
+    drawLabel(context, style, ghost.title, [at.x + 4, at.y + 9], [at.x, at.y, at.w, at.h]);
   }
 
   get status() {

@@ -83,10 +83,14 @@ function drawTag(canvas, style, corners, piece, taken) {
   context.font = FONT;
   context.textBaseline = "middle";
   const width = context.measureText(text).width + 20;
-  const out = (/** @type {Point} */ { x, y }) => Math.hypot(x - canvas.width / 2, y - canvas.height / 2);
-  const end = corners.reduce((best, corner) => (out(corner) > out(best) ? corner : best)); // away from the shape
-  const x = end.x > 0 && end.x < canvas.width ? within(end.x - width / 2, 0, canvas.width - width) : end.x;
-  let top = end.y < canvas.height / 2 ? end.y - HIGH_PX - 2 : Math.min(end.y + 2, canvas.height - HIGH_PX);
+  const [left, right, highest, lowest] = ["x", "y"].flatMap((axis) => {
+    const all = corners.map((corner) => corner[/** @type {"x" | "y"} */ (axis)]);
+    return [Math.min(...all), Math.max(...all)];
+  });
+  const middle = (left + right) / 2;
+  const x = middle > 0 && middle < canvas.width ? within(middle - width / 2, 0, canvas.width - width) : middle;
+  // Away from the shape.
+  let top = highest + lowest < canvas.height ? highest - HIGH_PX - 2 : Math.min(lowest + 2, canvas.height - HIGH_PX);
   const covered = () => taken.find((tag) => x < tag.right && x + width > tag.x && Math.abs(top - tag.top) < HIGH_PX);
   for (let tag = covered(); tag; tag = covered()) top = tag.top + HIGH_PX + 1;
   drawLabel(context, style, text, [x + 12, top + 10], [x, top, width, HIGH_PX]);

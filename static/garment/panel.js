@@ -21,6 +21,9 @@ import { nearest } from "../canvas/geometry.js";
 import { drawDot } from "../canvas/marks.js";
 
 const NONE = "none of these";
+/** An angle within a full turn. */
+const full = (/** @type {number} */ angle) => (angle + 2 * Math.PI) % (2 * Math.PI);
+const SURE = 0.995; // the line above says it all
 
 export class GarmentPanel extends PagePart {
   name = "garment";
@@ -30,6 +33,7 @@ export class GarmentPanel extends PagePart {
   finished = false; // whether the finished shape was turned upright
   /** @type {{ angle: number; flipped: boolean } | null} */
   turnedFrom = null; // how the view was turned before it was turned upright, on the shown side
+  upright = 0; // the angle at which the garment that was found last is upright
   moved = /** @type {{ name: string; u: number; v: number } | null} */ (null); // a point that the keys move
   actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
   section = byId("garment");
@@ -57,6 +61,7 @@ export class GarmentPanel extends PagePart {
   update(/** @type {State} */ state) {
     this.finishUpright(state);
     this.known = state.garment ?? null;
+    this.followUpright();
     this.section.hidden = !this.known || !state.layers;
     if (!this.found?.points.some((point) => point.name === this.pointed)) this.pointed = null;
     this.drawing.update(this.known?.revision ?? 0);
@@ -89,7 +94,10 @@ export class GarmentPanel extends PagePart {
       tip: "The kind of garment. Automatic: by the evidence. A kind set by hand is a decision; Undo takes it back.",
       change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }),
     });
-    return [shares(found.probabilities), field("Kind", select)];
+    return [
+      (found.by_hand || found.probabilities[0][1] < SURE) && shares(found.probabilities),
+      field("Kind", select),
+    ];
   }
 
   points(/** @type {FoundGarment} */ found) {
@@ -157,6 +165,15 @@ export class GarmentPanel extends PagePart {
     if (!this.turnedFrom && angle === 0 && !flipped) this.toggleUpright();
   }
 
+  /** Recognised again, the garment may be upright at another angle: it stays upright unless somebody has turned it. */
+  followUpright() {
+    if (!this.found) return;
+    const { angle, flipped } = this.page.canvas.transform;
+    const [before, now] = [this.upright, full(this.found.upright_rad)];
+    this.upright = now;
+    if (this.turnedFrom && angle === before && !flipped && now !== before) this.page.looking.turn(now, false);
+  }
+
   toggleUpright() {
     const { looking, canvas } = this.page;
     if (!this.found) return this.page.notify("info", this.known?.text || "The garment is not known yet.");
@@ -166,14 +183,15 @@ export class GarmentPanel extends PagePart {
     } else {
       const { angle, flipped } = canvas.transform;
       this.turnedFrom = { angle, flipped };
-      looking.turn((this.found.upright_rad + 2 * Math.PI) % (2 * Math.PI), false);
+      looking.turn(full(this.found.upright_rad), false);
     }
     this.page.changed();
   }
 
   /** The garment was turned over, and with it how it was turned before. */
   turned() {
-    if (this.turnedFrom) this.turnedFrom.angle = (2 * Math.PI - this.turnedFrom.angle) % (2 * Math.PI);
+    if (this.turnedFrom) this.turnedFrom.angle = full(-this.turnedFrom.angle);
+    this.upright = full(-this.upright);
   }
 
   pointAt(/** @type {string | null} */ name) {
@@ -255,10 +273,10 @@ export class GarmentDrawing {
     this.page.redrawMarks();
   }
 
-  /** What is drawn: the dragged outline, or the one that was found; null: nothing. */
+  /** What is drawn: the dragged outline, or the one that was found; null: nothing, as where a joint is decided about. */
   get drawn() {
     const { panel } = this;
-    if (!panel.shown || !panel.found?.kind || this.page.hasCamera) return null;
+    if (!panel.shown || !panel.found?.kind || this.page.hasCamera || this.page.joints.held) return null;
     return this.preview ?? panel.found;
   }
 

@@ -9,7 +9,7 @@ import { Pyramid } from "../canvas/pyramid.js";
 import { drawCaption, drawMoved } from "../canvas/pieces.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { byId, closeButton, hasKeys, heading, make, rebuild, setText, smallButton, swatch } from "../page/dom.js";
-import { cm2, count, number } from "../page/format.js";
+import { cm2, count, mm, number } from "../page/format.js";
 import { fitOf, holds, JointOptions } from "./places.js";
 
 const HIT_PX = 10;
@@ -153,7 +153,6 @@ export class JointsPanel extends PagePart {
         },
         swatch(on ? "var(--accent)" : joint.weak ? "var(--warn)" : "var(--seam)"),
         make("b", cm2(joint.area_cm2)),
-        `by ${count(joint.views.length, "view")}`,
         make("small", joint.kept ? "kept" : right),
       ),
       on && this.detail(joint, n),
@@ -174,7 +173,7 @@ export class JointsPanel extends PagePart {
       ),
       make(
         "table",
-        make("tr", ...["View", "Pairs", "Residual mm", "90 %"].map((text) => make("th", { scope: "col" }, text))),
+        make("tr", ...["View", "Pairs", "Residual"].map((text) => make("th", { scope: "col" }, text))),
         ...joint.views.slice(0, MOST_ROWS).map((view) => this.view(view)),
       ),
       joint.views.length > MOST_ROWS && make("p.note", `and ${joint.views.length - MOST_ROWS} more`),
@@ -205,7 +204,6 @@ export class JointsPanel extends PagePart {
   }
 
   view(/** @type {JointInfo["views"][number]} */ { view_index, angle_deg, pairs, residual_mm, rc }) {
-    const [median, most] = residual_mm;
     return make(
       "tr",
       make(
@@ -217,8 +215,7 @@ export class JointsPanel extends PagePart {
         ),
       ),
       make("td", String(pairs)),
-      make("td", number(median, 1)),
-      make("td", number(most, 1)),
+      make("td", mm(residual_mm[0])),
     );
   }
 

@@ -99,7 +99,7 @@ export function fitOf(joint, by, covers, colorAt) {
   const box = boxOfPoints(joint.outline_uv_m.flat(2));
   const overlap = cm2(areaWhere(box, (u, v) => isPart([u, v]) && isRest(...applied(by, u, v))));
   const texture = colorAt && textureOf(joint, by, isPart, isRest, colorAt);
-  const apart = texture === null ? "" : `texture ${number(texture, 0)} of 255, `;
+  const apart = texture === null ? "" : `colours ${number((100 * texture) / 255, 0)} % apart, `;
   return `Pairs ${number(offOf(joint, by))} mm off, gap ${number(1000 * gap, 0)} mm, ${apart}${overlap} on other cloth`;
 }
 

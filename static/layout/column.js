@@ -2,8 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { byId, make, rebuild, smallButton, values } from "../page/dom.js";
-import { degrees, keyName, mm, vector } from "../page/format.js";
-import { stdMm } from "../panels/pick_text.js";
+import { degrees, mm, vector } from "../page/format.js";
 
 const STROKES = [
   "brush_this",
@@ -17,6 +16,7 @@ const STROKES = [
 /** @type {[name: string, title: string, sections: string[], actions: string[]][]} parts, the first come first */
 const PARTS = [
   ["capture", "Capture", ["capture"], []],
+  ["check", "Check", ["check"], []],
   ["active", "Loop", ["active"], []],
   ["proposal", "Proposal", ["proposal"], ["pairs", "fit_pairs", "refine"]],
   ["result", "Result", ["result"], ["result"]],
@@ -33,7 +33,6 @@ export class Column extends PagePart {
   name = "column";
   part = "pick";
   moment = "";
-  actions = { column: () => this.next() };
   tabs = byId("column-tabs");
   body = byId("column-part");
   selection = byId("selection");
@@ -45,7 +44,7 @@ export class Column extends PagePart {
 
   update(/** @type {State} */ state) {
     const names = this.parts.map(([name]) => name);
-    const [moment, part] = momentOf(state, names);
+    const [moment, part] = momentOf(state, names, this.page.recordingIsWrong);
     if (moment !== this.moment) {
       this.moment = moment;
       this.part = part;
@@ -59,15 +58,10 @@ export class Column extends PagePart {
     const parts = this.parts;
     for (const [name, , sections] of PARTS)
       for (const id of sections) document.getElementById(id)?.classList.toggle("off", name !== this.part);
-    const key = keyName(this.page.action("column").keys[0]);
     this.tabs.hidden = parts.length < 2;
     rebuild(this.tabs, [parts.map(([name]) => name), this.part], () =>
       parts.map(([name, title]) =>
-        smallButton(title, () => this.choose(name), {
-          pressed: name === this.part,
-          key: `part-${name}`,
-          tip: `Show this part of the column\n${key}: the next one`,
-        }),
+        smallButton(title, () => this.choose(name), { pressed: name === this.part, key: `part-${name}` }),
       ),
     );
   }
@@ -77,11 +71,6 @@ export class Column extends PagePart {
     this.body.scrollTop = 0;
     this.show();
     if (this.page.state) this.showSelection(this.page.state);
-  }
-
-  next() {
-    const names = this.parts.map(([name]) => name);
-    this.choose(names[(names.indexOf(this.part) + 1) % names.length] ?? "pick");
   }
 
   /** Before an action: whether it only brings a part that is there already, but not in sight. */
@@ -114,13 +103,9 @@ export class Column extends PagePart {
         : [
             make("div.heading", make("h2", pick.name), this.page.smallButton("copy")),
             values(
-              ["held", held, HELD],
-              ["normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
-              pick.grip && [
-                "grip",
-                gripText(pick.grip),
-                "Axis on the flattened view, opening, and one standard deviation of its position",
-              ],
+              ["Place", held, HELD],
+              ["Normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
+              pick.grip && ["Grip", gripText(pick.grip), "Axis on the flattened view, and opening"],
             ),
           ],
     );
@@ -132,18 +117,19 @@ export class Column extends PagePart {
 }
 
 const HELD = "Position x y z in the object frame";
-const ONLY_SHOWN = ["result", "look", "joints"]; // actions that do nothing else
+const ONLY_SHOWN = ["result", "look", "joints", "garment"]; // actions that do nothing else
 
 /** What the page is at, and the part that it needs. @returns {[moment: string, part: string]} */
-function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts) {
+function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts, /** @type {boolean} */ isWrong) {
   const { pending, auto } = state;
   if (state.capture) return ["capture", "capture"];
   if (pending) return [`proposal ${pending.view_index}`, "proposal"];
+  if (parts.includes("check") && isWrong) return ["check", "check"];
   if (parts.includes("active")) return ["active", "active"];
   if (parts.includes("result") && (state.finished || auto.ended))
     return [`end ${state.finished ?? auto.ended}`, "result"];
   return ["picking", "pick"]; // a pick is always in sight below, and leads away from nothing
 }
 
-const gripText = (/** @type {NonNullable<CurrentPick["grip"]>} */ { axis_deg, opening_m, position_std_m }) =>
-  `${degrees(axis_deg, 0)} · ${mm(1000 * opening_m, 0)} · ${stdMm(position_std_m)}`;
+const gripText = (/** @type {NonNullable<CurrentPick["grip"]>} */ { axis_deg, opening_m }) =>
+  `${degrees(axis_deg, 0)}, open ${mm(1000 * opening_m, 0)}`;

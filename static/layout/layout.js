@@ -2,7 +2,6 @@
 
 import { PagePart } from "../page/page.js";
 import { byId, rebuild, smallButton, taken, targetOf, within } from "../page/dom.js";
-import { keyName } from "../page/format.js";
 
 const WIDE_PX = 1200; // from here on all panes are beside one another
 const BESIDE_PX = 800; // from here on the details are beside the others
@@ -50,7 +49,7 @@ const readouts = /** @type {HTMLElement} */ (globalThis.document?.querySelector(
 export class Layout extends PagePart {
   name = "layout";
   arranged = () => {};
-  actions = { pane: () => this.next(), readout: () => this.fold() };
+  actions = { readout: () => this.fold() };
   kind = "";
   panes = /** @type {string[]} */ ([]);
   pane = /** @type {string | null} */ (null);
@@ -124,14 +123,9 @@ export class Layout extends PagePart {
   show() {
     if (!this.page.state) return;
     this.box.hidden = !this.panes.length;
-    const key = keyName(this.page.action("pane").keys[0]);
     rebuild(this.box, [this.panes, this.pane], () =>
       this.panes.map((pane) =>
-        smallButton(TITLES[pane], () => this.choose(pane), {
-          pressed: pane === this.pane,
-          key: `pane-${pane}`,
-          tip: `Show this pane; ${key}: the next one`,
-        }),
+        smallButton(TITLES[pane], () => this.choose(pane), { pressed: pane === this.pane, key: `pane-${pane}` }),
       ),
     );
   }
@@ -140,11 +134,6 @@ export class Layout extends PagePart {
     this.chosen = pane;
     localStorage.setItem(CHOSEN, pane);
     this.apply();
-  }
-
-  next() {
-    if (!this.panes.length) return this.page.notify("info", "All panes are shown already.");
-    this.choose(this.panes[(this.panes.indexOf(this.pane ?? "") + 1) % this.panes.length]);
   }
 
   /** Show the pane in which an action is seen, unless it is shown. */
@@ -165,7 +154,7 @@ function startDivider(/** @type {Layout} */ layout) {
   const upright = {
     property: "--left",
     stored: "flatcloth-split",
-    usual: 0.29, // the flattened view has 55 % of a wide window
+    usual: 0.295, // the flattened view has 55 % of a wide window
     orientation: "vertical",
     least: [300, 600], // of the scene; of canvas and inspector
     size: () => split.clientWidth,

@@ -15,14 +15,14 @@ export function showPick(/** @type {OfflinePage} */ page) {
       heading(pick.name, page.button("copy")),
       values(
         [
-          "held",
+          "Place",
           `${vector(pick.position_held_m, 1, 1000)} mm`,
           "Position x y z in the object frame: the camera frame of view 0, the item turned back",
         ],
-        ["normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
+        ["Normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
         pick.z_angle_deg !== null && ["Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen"],
         sourceRow(pick),
-        pick.rc && ["pixel", pick.rc.join(", "), "Row, column of the flattened view"],
+        pick.rc && ["Pixel", pick.rc.join(", "), "Row, column of the flattened view"],
         ...(pick.grip ? gripRows(pick.grip) : []),
       ),
       pick.uv_m && !shown && make("p.note", "Not part of the shape at this step."),
@@ -33,11 +33,11 @@ export function showPick(/** @type {OfflinePage} */ page) {
 
 /** @param {NonNullable<OfflinePick["grip"]>} grip @returns {ValueRow[]} */
 const gripRows = (grip) => [
-  ["approach", vector(grip.approach_held, 3), "Direction in which the gripper comes, object frame"],
-  ["axis", vector(grip.axis_held, 3), `In-plane axis of the gripper, object frame; ${AXIS_FROM[grip.axis_from]}`],
-  ["opening", mm(1000 * grip.opening_m, 0), "Distance of the fingers"],
+  ["Approach", vector(grip.approach_held, 3), "Direction in which the gripper comes, object frame"],
+  ["Axis", vector(grip.axis_held, 3), `In-plane axis of the gripper, object frame; ${AXIS_FROM[grip.axis_from]}`],
+  ["Opening", mm(1000 * grip.opening_m, 0), "Distance of the fingers"],
   [
-    "known to",
+    "Known to",
     grip.position_std_m === null ? "–" : `${stdMm(grip.position_std_m)}  ${degrees(grip.normal_std_deg, 0)}`,
     "One standard deviation of position and approach",
   ],

@@ -151,23 +151,10 @@ export interface Set {
   values?: Record<string, boolean | number | string>;
 }
 
-/** Set the turning axis by hand, as the camera of view 0 sees it; without ``apply`` it is only drawn. */
-export interface SetAxis {
-  type: "axis";
-  right_m: number;
-  away_m: number;
-  lean_right_deg: number;
-  lean_away_deg: number;
-  apply: boolean;
-}
-
-/** Colour the 3D scene by a layer of the flattened view, with its colour map and window. */
+/** Colour the 3D scene by a layer of the flattened view. */
 export interface Look {
   type: "look";
   layer: "color" | "density" | "height" | "incidence" | "place" | "source" | "stretch" | "truth" | "z_angle";
-  map?: string | null;
-  low?: number;
-  high?: number;
 }
 
 /** Show the newest frame of the camera, or hold the present one. */
@@ -313,7 +300,6 @@ export type ClientMessage =
   | SetGrip
   | SetAuto
   | Set
-  | SetAxis
   | Look
   | Play
   | Capture
@@ -369,7 +355,6 @@ export interface PageState {
   review: ReviewInfo | null;
   sides: SidesInfo | null;
   garment: GarmentInfo | null;
-  axis: AxisInfo | null;
   other: OtherSideInfo | null;
   capture: CaptureStatus | null;
   active: ActiveStatus | null;
@@ -526,13 +511,11 @@ export interface Note {
 export interface Settings {
   advance: boolean;
   auto_threshold: number;
-  auto_until: "all" | "area" | "views";
-  auto_least_cm2: number;
+  auto_until: "all" | "views";
   auto_views: number;
   step_mm: number;
   step_deg: number;
   follow: boolean;
-  turn_to_pick: boolean;
   show_view: boolean;
   show_shape: boolean;
   show_new: boolean;
@@ -728,15 +711,6 @@ export interface GarmentPiece {
   outline_uv_m: [number, number][][];
 }
 
-/** The turning axis as the camera of view 0 sees it; ``estimated``: it is not the recorded one. */
-export interface AxisInfo {
-  right_m: number;
-  away_m: number;
-  lean_right_deg: number;
-  lean_away_deg: number;
-  estimated: boolean;
-}
-
 /** The other side of the item; ``layers`` None: it is not computed, ``text`` says why. */
 export interface OtherSideInfo {
   revision: number;
@@ -796,7 +770,6 @@ export interface CapturedView {
 
 /** The state of an active loop; ``angle_deg`` is the next one, None at the ``end`` or while it waits. */
 export interface ActiveStatus {
-  source: string;
   goal: string;
   budget: string;
   folder: string;
@@ -805,7 +778,6 @@ export interface ActiveStatus {
   angle_deg: number | null;
   turn_deg: number | null;
   why: string;
-  new_cm2: number | null;
   end: string | null;
   waiting: string;
   turning: boolean;
@@ -930,7 +902,6 @@ export interface FrameInfo {
   sequence: number;
   reason: string;
   grid: Grid | null;
-  legend: Legend | null;
   pick_uv_m: [number, number] | null;
 }
 

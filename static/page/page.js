@@ -18,8 +18,7 @@ export class Page {
     this.looking = /** @type {Looking} */ (later);
     this.ruler = /** @type {Ruler} */ (later);
     this.sceneMarks = /** @type {SceneMarks} */ (later); // what is drawn over the 3D scene
-    this.lookedAt = /** @type {number | null} */ (null); // a view other than that of the page
-    this.playing = false; // the views of the timeline, one after the other
+    this.recordingIsWrong = false; // by its check, for certain
     this.isSettled = false; // the first picture is there, or awaited no longer
     this.sourceMarks = /** @type {((view: number) => UV[])[]} */ ([]); // pixels that panels mark in a source image
     this.verdicts = /** @type {Verdicts} */ (later);

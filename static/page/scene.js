@@ -6,8 +6,7 @@ import { isDark, onTheme } from "./theme.js";
 
 const SEEN = "flatcloth-scene-told"; // whether this browser has shown it
 const SOFTWARE =
-  "The 3D scene is drawn without a graphics card, so it moves slowly. If this computer has one, turn on hardware " +
-  "acceleration in the browser's settings.";
+  "The 3D scene is slow: this browser draws it without a graphics card (hardware acceleration is off).";
 
 const frame = byId("viser");
 let shownDark = /** @type {boolean | null} */ (null);

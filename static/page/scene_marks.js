@@ -18,9 +18,10 @@ const NORMAL_M = 0.06; // length of the arrow
  * @typedef {Record<
  *   "matrixWorld" | "matrixWorldInverse" | "projectionMatrix" | "projectionMatrixInverse", Matrix4
  * >} Camera of three.js
- * @typedef {{ camera: Camera; world: number[]; canvas: HTMLCanvasElement }} SceneView viser's camera and canvas
+ * @typedef {{ camera: Camera; world: number[]; canvas: HTMLCanvasElement; redraw(): void }} SceneView of viser's page
  * @typedef {{
- *   nodeRefFromName?: Record<string, { matrixWorld: Matrix4 }>; camera?: Camera; canvas?: HTMLCanvasElement
+ *   nodeRefFromName?: Record<string, { matrixWorld: Matrix4 }>; camera?: Camera; canvas?: HTMLCanvasElement;
+ *   requestRender?(): void
  * }} Viser what viser's page has of itself
  * @typedef {{ origin_m: XYZ; direction: XYZ }} Ray
  */
@@ -42,6 +43,7 @@ export class SceneMarks extends PagePart {
   cursorAt = /** @type {Point | null} */ (null);
   dirty = true;
   key = ""; // of what is drawn: the camera
+  taken = ""; // the size that viser has taken
   width = 0;
   height = 0;
   question = this.page.question(
@@ -123,7 +125,8 @@ export class SceneMarks extends PagePart {
     const viser = inside?.__viserMutable;
     const node = viser?.nodeRefFromName?.["/live/cloud"];
     if (!node || !viser?.camera || !viser.canvas || !isUpright(node.matrixWorld)) return null;
-    return { camera: viser.camera, world: node.matrixWorld.elements, canvas: viser.canvas };
+    const redraw = () => viser.requestRender?.();
+    return { camera: viser.camera, world: node.matrixWorld.elements, canvas: viser.canvas, redraw };
   }
 
   rayAt(/** @type {number} */ x, /** @type {number} */ y) {
@@ -158,6 +161,9 @@ export class SceneMarks extends PagePart {
     if (!view) return;
     const key = `${view.camera.matrixWorldInverse.elements}${view.camera.projectionMatrix.elements}`;
     const [width, height] = [view.canvas.clientWidth, view.canvas.clientHeight];
+    const taken = `${view.canvas.width} ${view.canvas.height}`;
+    if (taken !== this.taken) view.redraw(); // another size has cleared viser's picture, as that of a hidden pane
+    this.taken = taken;
     if (!this.dirty && key === this.key && width === this.width && height === this.height) return;
     this.dirty = false;
     this.key = key;
@@ -249,48 +255,63 @@ function applied(/** @type {number[]} */ matrix, /** @type {XYZ} */ [x, y, z]) {
 const RADIUS = 36;
 const MARGIN = 22;
 const AXIS_PX = 26;
-const AXES = { x: "--bad", y: "--good", z: "--accent" };
+const ABOVE_RAD = 0.6;
+/** @type {Record<string, [shade: string, unit: XYZ]>} */
+const AXES = { x: ["--bad", [1, 0, 0]], y: ["--good", [0, 1, 0]], z: ["--accent", [0, 0, 1]] };
 
 export class Dial extends PagePart {
-  /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
-  drawInScene(context, style, place) {
+  /** @param {Context} context @param {Style} style */
+  drawInScene(context, style) {
     const { state, sceneMarks } = this.page;
     if (this.page.hasCamera || sceneMarks.width < 200) return;
     context.font = "14px system-ui, sans-serif";
     context.textBaseline = "middle";
     const from = { x: sceneMarks.width - RADIUS - MARGIN, y: RADIUS + MARGIN };
     const color = (/** @type {string} */ name) => style.getPropertyValue(name);
-    drawRing(context, from, color("--line"), RADIUS);
+    const dot = (/** @type {Point} */ { x, y }, /** @type {number} */ radius, /** @type {string} */ name) => {
+      context.beginPath();
+      context.arc(x, y, radius, 0, 2 * Math.PI);
+      context.fillStyle = color(name);
+      context.fill();
+    };
     const at = (/** @type {number} */ deg, far = RADIUS) => {
       const turn = (deg * Math.PI) / 180;
       return { x: from.x - far * Math.sin(turn), y: from.y + far * Math.cos(turn) };
     };
+    strokeLine(
+      context,
+      [...Array(73).keys()].map((n) => at(5 * n)),
+      color("--line"),
+      1,
+    );
     for (const { angle_deg, state: was } of state.views) {
-      if (was === "unused") drawRing(context, at(angle_deg), color("--soft"), 1);
-      else drawDot(context, at(angle_deg), color(was === "rejected" ? "--bad" : "--good"), 3);
+      if (was === "unused") dot(at(angle_deg), 1.5, "--soft");
+      else dot(at(angle_deg), 4, was === "rejected" ? "--bad" : "--good");
     }
     const present = state.views[state.present_view ?? -1]?.angle_deg;
     if (present === undefined) return;
     strokeLine(context, [at(present, 24), at(present, RADIUS + 12)], color("--text"), 3);
-    drawLabel(context, style, `${number(present, 0)}°`, [from.x - 14, from.y], [from.x - 16, from.y - 9, 34, 18]);
     const next = state.active?.angle_deg ?? present;
     strokeLine(context, [at(present, 26), at(next, 26)], color("--accent"), 2, [4, 3]);
-    this.drawAxes(context, color, place);
+    drawLabel(context, style, `${number(present, 0)}°`, [from.x - 14, from.y], [from.x - 16, from.y - 9, 34, 18]);
+    this.drawAxes(context, color);
   }
 
-  /** @param {Context} context @param {(name: string) => string} color @param {PlaceInScene} place */
-  drawAxes(context, color, place) {
-    const { right_m = 0, away_m = 1 } = this.page.state.axis ?? {};
-    const ends = [-1, 0, 1, 2].map((i) =>
-      place([right_m + 0.1 * +(i === 0), 0.1 * +(i === 1), away_m + 0.1 * +(i === 2)]),
-    );
-    const ways = ends.map((end) => ({ x: (end?.x ?? 0) - (ends[0]?.x ?? 0), y: (end?.y ?? 0) - (ends[0]?.y ?? 0) }));
-    const scale = AXIS_PX / Math.max(1, ...ways.map(({ x, y }) => Math.hypot(x, y)));
-    const at = (/** @type {number} */ i, far = scale) => ({ x: 48 + far * ways[i].x, y: 48 + far * ways[i].y });
-    Object.entries(AXES).forEach(([name, shade], i) => {
-      strokeLine(context, [at(0), at(i + 1)], color(shade), 2);
+  /** The axes of the object frame as seen from a little above the camera, so that none points at it. */
+  drawAxes(/** @type {Context} */ context, /** @type {(name: string) => string} */ color) {
+    const { view } = this.page.sceneMarks;
+    if (!view) return;
+    const seen = (/** @type {XYZ} */ point) =>
+      applied(view.camera.matrixWorldInverse.elements, applied(view.world, point));
+    const from = seen([0, 0, 0]);
+    Object.entries(AXES).forEach(([name, [shade, unit]]) => {
+      const [x, y, z] = seen(unit).map((value, i) => value - from[i]);
+      const at = (/** @type {number} */ far) => {
+        return { x: 48 + far * x, y: 48 + far * (Math.sin(ABOVE_RAD) * z - Math.cos(ABOVE_RAD) * y) };
+      };
+      strokeLine(context, [at(0), at(AXIS_PX)], color(shade), 2);
       context.fillStyle = color(shade);
-      context.fillText(name, at(i + 1, 1.35 * scale).x - 4, at(i + 1, 1.35 * scale).y);
+      context.fillText(name, at(1.4 * AXIS_PX).x - 4, at(1.4 * AXIS_PX).y);
     });
   }
 }

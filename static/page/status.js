@@ -66,9 +66,9 @@ function nextOf(state, doubt) {
   switch (state.phase) {
     case "computing":
       if (!request || request.kind === "start") return "Choosing and flattening the start view.";
-      if (request.kind === "follow") return `Laying ${angle(request.view_index)} on the changed shape.`;
+      if (request.kind === "follow") return `Placing ${angle(request.view_index)} on the changed shape.`;
       if (request.view_index === null) return `${at}Looking for the next view.`;
-      return `${at}Laying ${angle(request.view_index)} on the shape.`;
+      return `${at}Placing ${angle(request.view_index)} on the shape.`;
     case "deciding": {
       if (!pending) return "";
       const waiting = n_later ? ` Then ${count(n_later, "later view")} follow${n_later === 1 ? "s" : ""}.` : "";
@@ -90,8 +90,8 @@ function nextOf(state, doubt) {
 }
 
 /** How large the shape is, and what floats beside it. */
-function shapeOf(/** @type {State} */ { step, layers }) {
-  if (!layers) return [];
+function shapeOf(/** @type {State} */ { step, layers, mode }) {
+  if (!layers || mode === "camera") return [];
   const { pieces, area_cm2: floating } = floatingOf(layers);
   const floats = floating ? [`${cm2(floating)} float in ${count(pieces.length, "piece")}`] : [];
   return [`${cm2(layers.area_cm2)} from ${count(step, "view")}`, ...floats];

@@ -35,19 +35,15 @@ const system = matchMedia("(prefers-color-scheme: dark)");
 let chosen = kept?.getItem(STORED) ?? ""; // nothing: as the system
 const listeners = /** @type {((dark: boolean) => void)[]} */ ([]);
 
-export const chosenTheme = () => chosen;
-
 export const isDark = () => (chosen || (system.matches ? "dark" : "light")) === "dark";
 
 export const onTheme = (/** @type {(dark: boolean) => void} */ listener) => listeners.push(listener);
 
-export function setTheme(/** @type {string} */ name) {
-  chosen = name;
-  kept?.setItem(STORED, name);
+export function toggleTheme() {
+  chosen = isDark() ? "light" : "dark";
+  kept?.setItem(STORED, chosen);
   applyTheme();
 }
-
-export const toggleTheme = () => setTheme(isDark() ? "light" : "dark");
 
 export function applyTheme() {
   document.documentElement.dataset.theme = isDark() ? "dark" : "light";

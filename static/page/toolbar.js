@@ -68,9 +68,9 @@ export class Toolbar extends PagePart {
   }
 
   buildLayers(/** @type {boolean} */ camera) {
-    // Look has all layers; a single view has no placement.
-    const first = ["color", "z_angle", "source", ...(camera ? [] : ["place"])];
-    this.build("layers", [...new Set([...first, this.page.layer])].map(layerAction));
+    // Look has all layers; frames of a camera have one.
+    const first = camera ? [] : ["color", "z_angle", "source", "place", this.page.layer];
+    this.build("layers", [...new Set(first)].map(layerAction));
     this.build("look-tools", camera ? ["look"] : ["look", "turn_over"]);
   }
 

@@ -105,7 +105,6 @@ declare global {
     /** Another server process may answer from now on. */
     reconnected?(): void;
     /** Look at another view; null: at that of the page. */
-    goToView?(view: number | null): void;
     /** Show a pixel of a view. */
     lookAt?(view: number, rc: RC): void;
     /** Which of its actions are on, for their buttons. */
@@ -127,7 +126,7 @@ declare global {
     | "disconnected"
     | "reconnected"
     | "lookAt"
-    | "goToView";
+;
   type CallPanels<Result> = <E extends PanelEvent>(event: E, ...args: Parameters<NonNullable<Panel[E]>>) => Result;
 
   type Page = PageClass;
@@ -176,8 +175,6 @@ declare global {
   type Box = { left: number; top: number; right: number; bottom: number };
   type Rect = { x: number; y: number; w: number; h: number };
 
-  /** How a layer is looked at; low and high are shares of its range. */
-  type LayerLook = { map: string; low: number; high: number };
   /** A picture that is shown, where it lies. */
   type Shown = {
     revision: number;

@@ -23,11 +23,11 @@ export class CapturePanel extends PagePart {
   };
   status = /** @type {CaptureStatus | null} */ (null);
   frame = /** @type {FrameInfo | null} */ (null); // what is shown
-  watched = /** @type {string | null} */ (null); // the layer of the frames that come
+  watching = false; // whether frames come
 
   /** The program may have started again, and count its frames anew. */
   reconnected() {
-    this.watched = null;
+    this.frame = null;
   }
 
   /** Take a state of the page; without a camera there is nothing to show. */
@@ -49,16 +49,15 @@ export class CapturePanel extends PagePart {
   }
 
   /**
-   * Show frame after frame, in the layer of the page; the next one is made while this one is drawn.
+   * Show frame after frame; the next one is made while this one is drawn.
    * @param {(frame: FrameInfo, shown: Shown | null) => void} draw
    */
   async watch(draw) {
-    const { layer } = this.page;
-    if (this.watched === layer) return;
-    this.watched = layer;
-    const next = (/** @type {number} */ after) => ask(`capture/frame/${after}/${layer}`);
+    if (this.watching) return;
+    this.watching = true;
+    const next = (/** @type {number} */ after) => ask(`capture/frame/${after}`);
     let answer = next(0);
-    while (this.watched === layer) {
+    for (;;) {
       const response = await answer;
       if (response?.status !== 200) {
         if (response?.status !== 204) await new Promise((done) => setTimeout(done, RETRY_MS));
@@ -70,7 +69,6 @@ export class CapturePanel extends PagePart {
       answer = next(frame.sequence);
       const image = pictures.frame ? await createImageBitmap(pictures.frame).catch(() => null) : null;
       await new Promise((drawn) => requestAnimationFrame(drawn));
-      if (this.watched !== layer) return;
       const { grid } = frame;
       this.frame = frame;
       draw(frame, image && grid && { revision: frame.sequence, grid, box: boxOf(grid), image });

@@ -8,7 +8,7 @@ export const AXIS_FROM = { outline: "along the outline", hand: "by hand", level:
 
 /** Where a pick was measured. @returns {ValueRow} */
 export const sourceRow = (/** @type {{ view_index: number; source_rc: (number | null)[] }} */ pick) => [
-  "source",
+  "Source",
   `view ${pick.view_index} @ ${pick.source_rc.map((x) => number(x)).join(", ")}`,
   "View and image pixel (row, column) it was measured in",
 ];

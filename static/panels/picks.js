@@ -14,6 +14,7 @@ export class PicksPanel extends PagePart {
     rebuild(byId("pick"), [pick, Boolean(layers)], () =>
       pick ? this.present(pick) : [make("h2", "Pick"), make("p.nothing", layers ? HOW_TO_PICK : NOT_YET)],
     );
+    byId("picks").hidden = !picks.length;
     rebuild(byId("picks"), [picks, pick?.id ?? null], () => this.list(picks, pick?.id ?? null));
   }
 
@@ -35,22 +36,22 @@ export class PicksPanel extends PagePart {
     const copy = smallButton("Copy", () => this.copy(), { key: "copy", tip: "Copy all numbers in metres" });
     copy.append(make("kbd", "C"));
     const angle = `${number(pick.angle_deg, 0)}°`;
-    const miss = pick.miss_m > 0 ? mm(1000 * pick.miss_m) : "on the cloth";
     return [
       heading(pick.name, copy),
       values(
-        ["held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the object frame"],
+        ["Place, mm", vector(pick.position_held_m, 1, 1000), "x y z in the object frame"],
         [
-          `camera ${angle}`,
-          `${vector(pick.position_camera_m, 1, 1000)} mm`,
-          "Position x y z in the camera frame at the present rotation",
+          `Camera, ${angle}`,
+          vector(pick.position_camera_m, 1, 1000),
+          "x y z in the camera frame at the present rotation, mm",
         ],
-        ["normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
-        ["n. camera", vector(pick.normal_camera, 3), "Outward normal in the camera frame at the present rotation"],
-        ["Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen"],
+        ["Normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
         sourceRow(pick),
-        ["pixel", pick.in_shape ? pick.rc.join(", ") : "–", "Row, column of the flattened view"],
-        ["miss", miss, "Distance between the click and the nearest cloth"],
+        pick.miss_m > 0 && [
+          "Off the cloth",
+          mm(1000 * pick.miss_m),
+          "Distance between the click and the nearest cloth",
+        ],
       ),
       pick.grip && this.grip(pick, pick.grip),
       !pick.in_shape && make("p.note", "Its view is not part of the present shape."),
@@ -81,9 +82,9 @@ export class PicksPanel extends PagePart {
     const outline = smallButton("Outline", () => send({ outline: true }), {
       pressed: grip.axis_from === "outline",
       key: "grip-outline",
-      tip: `Lay the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}`,
+      tip: `Turn the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}`,
     });
-    const away = grip.outline_distance_m === null ? "–" : `${mm(1000 * grip.outline_distance_m, 0)} away`;
+    const away = grip.outline_distance_m === null ? "–" : mm(1000 * grip.outline_distance_m, 0);
     const scatter = `${degrees(grip.normal_std_deg, 0)}, ${degrees(grip.axis_std_deg, 0)}`;
     return [
       make(
@@ -99,11 +100,11 @@ export class PicksPanel extends PagePart {
         ),
       ),
       values(
-        ["outline", away, "Distance to the nearest outline of the cloth, on the flattened view"],
-        ["known to", stdMm(grip.position_std_m), "One standard deviation in space, from the scatter of depth nearby"],
-        ["normal, axis", scatter, "One standard deviation of each, from the scatter of normals and outline nearby"],
+        ["To outline", away, "Distance to the nearest outline of the cloth, on the flattened view"],
+        ["Known to", stdMm(grip.position_std_m), "One standard deviation in space, from the scatter of depth nearby"],
+        ["Angles to", scatter, "One standard deviation of each, from the scatter of normals and outline nearby"],
         grip.placement_std_m !== null && [
-          "place",
+          "On the plane",
           stdMm(grip.placement_std_m),
           "One standard deviation of its place on the flattened plane",
         ],
@@ -114,7 +115,6 @@ export class PicksPanel extends PagePart {
   // --- all picks ---------------------------------------------------------------------------------
 
   list(/** @type {ListedPick[]} */ picks, /** @type {number | null} */ current) {
-    const n = picks.length;
     const save = make("a.button.small", {
       href: "export/grasps.json",
       download: "grasps.json",
@@ -123,10 +123,8 @@ export class PicksPanel extends PagePart {
       text: "Export",
     });
     return [
-      heading(`Picks${n ? ` (${n})` : ""}`, n > 0 && save),
-      n
-        ? make("ol.picks", ...picks.map((pick) => this.row(pick, pick.id === current)))
-        : make("p.nothing", "Press Enter to keep a pick; otherwise the next click replaces it."),
+      heading(`Picks (${picks.length})`, save),
+      make("ol.picks", ...picks.map((pick) => this.row(pick, pick.id === current))),
     ];
   }
 
@@ -168,7 +166,8 @@ export class PicksPanel extends PagePart {
   }
 }
 
-const HOW_TO_PICK = "Click the cloth, flat or in 3D, to get its grasp point.";
+const HOW_TO_PICK =
+  "Click the cloth, flat or in 3D, to get its grasp point. Enter keeps it; otherwise the next click replaces it.";
 const NOT_YET = "Grasp points can be picked once a view is flattened.";
 const AXIS_TIP =
   "Direction of the gripper's axis on the flattened view, clockwise from right; the fingers close across it";

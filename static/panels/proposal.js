@@ -65,10 +65,10 @@ function showProposal(state, page, show) {
   if (!pending) return;
   const limit = state.settings.auto_threshold;
   const { nudge } = pending;
-  const view = `view ${pending.view_index} (${number(state.views[pending.view_index].angle_deg, 0)}°)`;
+  const view = `View ${pending.view_index} (${number(state.views[pending.view_index].angle_deg, 0)}°)`;
   const drawn = page.canvas.overlay.shown?.revision;
   rebuild(byId("proposal-values"), [pending, limit, layers?.revision, drawn], () => [
-    make("h2", `${pending.again ? "Again" : "Proposal"}: ${view}`),
+    make("h2", pending.again ? `Again: ${view}` : view),
     pending.brings &&
       pending.joins &&
       make(
@@ -78,13 +78,12 @@ function showProposal(state, page, show) {
     !(pending.extends === null || pending.extends === "A") &&
       make(
         "p#extends.extends",
-        `Extends the floating piece ${pending.extends}, beside the shape.` +
-          " It joins the shape once a view connects them.",
+        `Extends the floating piece ${pending.extends}.` + " It joins the shape once a view connects them.",
       ),
     verdictOn(pending, limit, page),
     isMoved(nudge) &&
       values([
-        "moved",
+        "Moved",
         `${vector([nudge.u_mm, nudge.v_mm])} mm  ${degrees(nudge.theta_deg)}`,
         "What you have moved the proposal by: its centre by u, v on the plane, and clockwise",
       ]),
@@ -134,16 +133,16 @@ function foreseen(/** @type {Pending["foreseen"]} */ cloth) {
   return make(
     "dl#foreseen.values",
     ...valueRows(
-      ["adds", cm2(cloth.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
-      cloth.joins.length > 0 && ["joins", cloth.joins.join(", "), "Pieces that it would connect (A is the shape)"],
+      ["Adds", cm2(cloth.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
+      cloth.joins.length > 0 && ["Joins", cloth.joins.join(", "), "Pieces that it would connect (A is the shape)"],
       (cloth.moved_mm ?? 0) >= MOVES_MM && [
-        "moves the shape",
+        "Moves the shape",
         `${number(cloth.moved_mm)} mm`,
         "Nine tenths of the shape's cloth move by less",
       ],
       cloth.contradicted !== null &&
         cloth.contradicted >= CONTRADICTS && [
-          "contradicts",
+          "Contradicts",
           `${number(100 * cloth.contradicted)} %`,
           "Share of what it measures that the other views contradict",
         ],

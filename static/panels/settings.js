@@ -3,21 +3,10 @@
 import { PagePart } from "../page/page.js";
 import { byId, choice, make, numberBox, rebuild, smallButton, tickBox } from "../page/dom.js";
 import { number } from "../page/format.js";
-import { chosenTheme, setTheme } from "../page/theme.js";
 
 /** @typedef {import("../page/messages").Setting} Setting */
 
-/** A setting that this browser keeps. @type {Setting} */
-const THEME = {
-  name: "theme",
-  title: "Theme",
-  description: "Of this browser; all else is kept with the session.",
-  default: "",
-  low: null,
-  high: null,
-  step: null,
-  options: { "": "As the system", light: "Light", dark: "Dark" },
-};
+const OF_LOOK = /^show_|^follow$/;
 
 export class SettingsSheet extends PagePart {
   name = "settings";
@@ -27,8 +16,6 @@ export class SettingsSheet extends PagePart {
     super(page);
     byId("settings-reset").addEventListener("click", () => {
       page.send({ type: "set", reset: true });
-      setTheme("");
-      this.show();
     });
   }
 
@@ -42,20 +29,18 @@ export class SettingsSheet extends PagePart {
   }
 
   show() {
-    const { settings, settings_rows } = this.page.state;
-    const rows = settings_rows.filter(({ name }) => !name.startsWith("show_")); // those Look has
+    const { settings_rows } = this.page.state;
     /** @type {Record<string, unknown>} */
-    const values = { ...settings, theme: chosenTheme() };
-    const isUsual = [...rows, THEME].every((row) => values[row.name] === row.default);
+    const settings = { ...this.page.state.settings };
+    const rows = settings_rows.filter(
+      ({ name }) => !OF_LOOK.test(name) && (name !== "auto_views" || settings.auto_until === "views"),
+    );
+    const isUsual = settings_rows.every(({ name, default: usual }) => settings[name] === usual);
     byId("settings-reset").setAttribute("aria-disabled", String(isUsual));
-    rebuild(byId("settings-body"), [rows, values], () => [
+    rebuild(byId("settings-body"), [rows, settings], () => [
       ...rows.map((row) =>
-        this.row(row, values[row.name], (next) => this.page.send({ type: "set", values: { [row.name]: next } })),
+        this.row(row, settings[row.name], (next) => this.page.send({ type: "set", values: { [row.name]: next } })),
       ),
-      this.row(THEME, values.theme, (name) => {
-        setTheme(String(name));
-        this.show();
-      }),
     ]);
   }
 

@@ -106,7 +106,7 @@ export class SourcePanel extends PagePart {
   update(/** @type {State} */ state) {
     this.panel.hidden = state.present_view === null;
     if (this.panel.hidden || !this.page.isSettled) return;
-    if (state.present_view !== this.present) this.pinned = this.page.lookedAt = null;
+    if (state.present_view !== this.present) this.pinned = null;
     this.present = state.present_view;
     this.angles = state.views.map((v) => v.angle_deg);
     this.revision = state.layers?.revision ?? 0;
@@ -229,15 +229,10 @@ export class SourcePanel extends PagePart {
   /** Look at another view: its image here, the item in 3D from where it was taken. */
   pin(/** @type {number} */ view) {
     this.page.send({ type: "turn_to", view_index: view });
-    this.pinned = this.page.lookedAt = view === this.present ? null : view;
+    this.pinned = view === this.present ? null : view;
     this.zoom.factor = 1;
     this.show();
     this.page.changed();
-  }
-
-  goToView(/** @type {number | null} */ view) {
-    const to = view !== null && view < this.angles.length ? view : this.present;
-    if (to !== null) this.pin(to);
   }
 
   // --- the pick --------------------------------------------------------------------------------

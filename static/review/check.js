@@ -2,11 +2,11 @@
 
 import { PagePart } from "../page/page.js";
 import { askJson, post } from "../page/connection.js";
-import { byId, closeButton, make } from "../page/dom.js";
+import { byId, closeButton, heading, make } from "../page/dom.js";
 
 const LEAST_VIEWS = 4;
 const AGAIN = "Opens the recording again with this setting";
-const SHOWN = "Two views laid on each other, as recorded and as mended";
+const SHOWN = "Two views on each other, as recorded and as mended";
 
 /**
  * @typedef {object} Finding
@@ -40,25 +40,27 @@ export class CheckPanel extends PagePart {
     /** @type {{ as_recorded: boolean; findings: Finding[] } | null} */
     const checked = await askJson("check.json");
     if (!checked?.findings.length || checked.as_recorded) return;
-    // What is certain is shown; doubts wait, as one line, until somebody wants to know.
-    const certain = checked.findings.some((finding) => finding.certain);
-    const title = certain ? "Something about this recording is wrong" : "Is this recording right?";
+    // What is certain is shown; doubts wait until somebody wants to know.
+    const certain = (this.page.recordingIsWrong = checked.findings.some((finding) => finding.certain));
     this.panel.replaceChildren(
-      make(
-        "details",
-        { open: certain },
-        make("summary", title),
-        ...checked.findings.map((finding, n) => this.card(finding, n)),
+      heading(
+        certain ? "Something about this recording is wrong" : "Is this recording right?",
+        closeButton("Go on as recorded", () => this.show(false)),
       ),
-      closeButton("Go on as recorded", () => (this.panel.hidden = true)),
+      ...checked.findings.map((finding, n) => this.card(finding, n)),
     );
-    this.panel.hidden = false;
+    this.show(true);
+  }
+
+  show(/** @type {boolean} */ on) {
+    this.panel.hidden = !on;
+    this.page.changed();
   }
 
   card(/** @type {Finding} */ finding, /** @type {number} */ n) {
     const sure = `${Math.min(99.9, 100 * finding.probability).toFixed(finding.certain ? 1 : 0)} % sure`;
     const buttons = finding.mends.map(({ options, ...mends }) =>
-      make("button.button", { click: () => this.mend(mends), tip: AGAIN }, options),
+      make("button.button", { click: () => this.mend(mends), tip: AGAIN }, `Open with ${options}`),
     );
     return make(
       "article",

@@ -4,10 +4,10 @@ import { PagePart } from "../page/page.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
 import { exportButton, showExports } from "../page/exports.js";
-import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
+import { cm2, floatingOf, mm, percent } from "../page/format.js";
 
 const MOST = 4; // of each list
-const LEAST_CM2 = 2; // less is not worth a line
+const LEAST_CM2 = 5; // less is not worth a line
 const CM2 = 1e4; // in a square metre
 
 export class ResultPanel extends PagePart {
@@ -77,7 +77,7 @@ export class ResultPanel extends PagePart {
       this.sideDoubt(state),
       this.jointDoubt(result?.wrong.length === 0 && !this.sideDoubt(state), reliable),
       values(
-        ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
+        ["Shape", cm2(layers.area_cm2)],
         state.other?.layers && ["Other side", otherSide(state.other), "Cloth of the other side, and what joins it"],
         floating && ["Floating", `${cm2(floating)} (${letters})`, "Cloth that no view connects to the shape yet"],
         reliable !== undefined && ["Reliable", percent(reliable), "Share of the shape placed to 10 mm or better"],
@@ -95,8 +95,8 @@ export class ResultPanel extends PagePart {
     if (typeof sides?.certainty !== "number") return null;
     return make(
       "p.note.warn",
-      `The sides were told without masks: by their own certainty ${percent(1 - sides.certainty)} of this cloth is ` +
-        "of the wrong side, and it can be several times as much. Compare the source images, and stroke what is wrong: ",
+      `The sides were found without masks. They estimate that ${percent(1 - sides.certainty)} of this cloth is of the ` +
+        "wrong side; it can be several times as much. Compare the source images, and stroke what is wrong: ",
       this.page.smallButton("where_to_stroke"),
     );
   }
@@ -115,7 +115,7 @@ export class ResultPanel extends PagePart {
     return [
       make("h3", "Seen but left out", make("span", cm2(areaOf(every)))),
       ...reasons.flatMap((reason) => this.leftFor(reason, large)),
-      reasons.length ? null : make("p.note", "None: the result has all the cloth that its views show."),
+      reasons.length ? null : make("p.note", `No view shows ${LEAST_CM2} cm² that are not in the result.`),
     ];
   }
 
@@ -127,7 +127,7 @@ export class ResultPanel extends PagePart {
       make(
         "div.chips",
         ...these.slice(0, MOST).map(({ view_index: view, area_m2 }) => {
-          return this.page.turnTo(view, `left-${view}`, `View ${view}: ${number(CM2 * area_m2, 0)}`);
+          return this.page.turnTo(view, `left-${view}`, `View ${view}: ${cm2(CM2 * area_m2)}`);
         }),
       ),
     ];

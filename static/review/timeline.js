@@ -17,12 +17,10 @@ export const STATES = {
 export const ACCEPTED = ["accepted", "fixed"];
 export const DECIDED = [...ACCEPTED, "rejected", "skipped", "later"];
 const DRAG_PX = 5;
-const TOOLS = ["play_views", "review", "result"];
-const PLAY_MS = 400; // a view; its image is there in less
+const TOOLS = ["review", "result"];
 
 export class Timeline {
   name = "timeline";
-  actions = { play_views: () => this.play() };
 
   /** `choose(view)` is what a press on a view means. */
   constructor(/** @type {Page} */ page, /** @type {(view: ViewRow) => void} */ choose) {
@@ -33,8 +31,6 @@ export class Timeline {
     this.scrubbed = /** @type {number | null} */ (null); // view that the item was turned to
     this.from = /** @type {number | null} */ (null); // where the pointer went down
     this.dragged = this.listed = false;
-    this.timer = /** @type {number | null} */ (null); // while the views are played
-    this.present = /** @type {number | null} */ (null);
     this.row.addEventListener("pointerdown", (event) => (this.from = event.button === 0 ? event.clientX : null));
     this.row.addEventListener("pointermove", (event) => this.drag(event));
     this.row.addEventListener("click", (event) => this.dragged && taken(event), true);
@@ -52,8 +48,6 @@ export class Timeline {
     );
     rebuild(this.tools, [small], () => (small ? [] : TOOLS.map((name) => this.page.button(name))));
     markPresent(state.present_view);
-    if (state.present_view !== this.present) this.stop();
-    this.present = state.present_view;
   }
 
   cell(/** @type {ViewRow} */ view, /** @type {State} */ state) {
@@ -130,36 +124,6 @@ export class Timeline {
     this.row.querySelector(".scrubbed")?.classList.remove("scrubbed");
     this.row.children[index]?.classList.add("scrubbed");
     this.scrubbed = index;
-  }
-
-  // --- playing the views -------------------------------------------------------------------------
-
-  get pressed() {
-    return { play_views: this.timer !== null };
-  }
-
-  /** Go once round all views, each with its image; again: stop. */
-  play() {
-    if (this.timer !== null) return this.stop();
-    const count = this.cells.length;
-    const first = this.page.lookedAt ?? this.present ?? 0;
-    let steps = 0;
-    this.page.playing = true;
-    this.timer = setInterval(() => {
-      const view = (first + ++steps) % count;
-      if (steps === count) this.stop();
-      this.page.each("goToView", view);
-      this.mark(view);
-      this.cells[view].scrollIntoView({ block: "nearest", inline: "nearest" });
-    }, PLAY_MS);
-    this.page.changed();
-  }
-
-  stop() {
-    if (this.timer === null) return;
-    clearInterval(this.timer);
-    this.timer = null;
-    this.page.playing = false;
   }
 }
 

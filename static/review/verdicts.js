@@ -2,7 +2,7 @@
 
 import { button, byId, find, focusOn, make, placeBeside, staysIn, taken } from "../page/dom.js";
 import { count, keyName, number } from "../page/format.js";
-import { ACCEPTED, DECIDED, described } from "./timeline.js";
+import { DECIDED, described } from "./timeline.js";
 
 const WAITING = ["pending", "later", "skipped"];
 
@@ -16,7 +16,6 @@ export class Verdicts {
     this.actions = {
       reopen: () => this.reopenChosen(page.state),
       next_undecided: () => this.nextUndecided(page.state),
-      lowest_score: () => this.lowestScore(page.state),
     };
     this.chosen = /** @type {number | null} */ (null); // index of the view that is chosen on the timeline
     this.card = byId("view-card");
@@ -57,15 +56,6 @@ export class Verdicts {
     const next = order.find((v) => WAITING.includes(v.state)) ?? order.find((v) => v.state === "unused");
     if (!next) return this.page.notify("info", "Every view is decided.");
     this.goTo(next);
-  }
-
-  lowestScore(/** @type {State} */ state) {
-    const scored = state.views.filter((v) => ACCEPTED.includes(v.state) && v.score !== null);
-    if (!scored.length) return this.page.notify("info", "No accepted view has a known score.");
-    const flagged = scored.filter((v) => v.flagged);
-    // Flagged ones in turn, so that each can be looked at; without any, the lowest score.
-    const next = flagged.find((v) => v.index > (this.chosen ?? -1)) ?? flagged[0];
-    this.goTo(next ?? scored.reduce((least, v) => ((v.score ?? 1) < (least.score ?? 1) ? v : least)));
   }
 
   goTo(/** @type {ViewRow} */ view) {

@@ -279,8 +279,8 @@ def test_a_review_opens_sessions_one_after_the_other_and_ends_with_them(out: Pat
         for name in "aac":
             opened = httpx.post(f"{found[1]}/open", json={"name": name}, headers=bearer, timeout=120)
             page, _, token = opened.json()["url"].partition("?token=")
-            here = httpx.get(f"{page}start/here.json", headers={"Authorization": f"Bearer {token}"})
-            assert here.json()["name"] == name
+            here = httpx.get(f"{page}start/places.json", headers={"Authorization": f"Bearer {token}"})
+            assert here.json()["current"] == name
         with socket.create_connection(("127.0.0.1", int(found[2])), timeout=30) as half:
             half.sendall(b"GET / HTTP/1.1\r\n")
             assert b"408" in half.recv(1000)

@@ -34,7 +34,7 @@ def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(o
     # Turned over: the other side, its own pixels under the pointer, and a pick with a pose there.
     keys.press("m")
     tab.until("flatcloth.bothSides.side === 'other' && flatcloth.layerShown?.startsWith('other/')")
-    expect(tab.page.get_by_text("Other side, as seen from outside")).to_be_visible()
+    expect(tab.page.locator("#side-chip")).to_be_visible()
     tab.until("flatcloth.bothSides.places")
     seam = tab.page.evaluate(
         "(() => { const s = flatcloth.state.other.seams, p = flatcloth.bothSides.places.seams;"

@@ -28,13 +28,13 @@ def program(tmp_path: Path, program_of):
 def test_a_recording_that_is_said_to_turn_the_other_way_is_told_and_mended(open_tab):
     tab = open_tab(1280, 800)
     card = tab.page.get_by_role("region", name="Check of the recording")
-    expect(card).to_contain_text("The item turns the other way than the angles say")
+    expect(card).to_contain_text("The item turns the other way than the angles say", timeout=60_000)
     expect(card).to_contain_text("Something about this recording is wrong")
     tab.until("document.querySelector('#check img')?.naturalWidth > 200")
     assert tab.findings() == []
     tab.shoot("check-card")
     tab.page.keyboard.press("Tab")
-    mend = card.get_by_role("button", name="--reverse")
+    mend = card.get_by_role("button", name="Open with --reverse")
     mend.focus()
     tab.page.keyboard.press("Enter")
     # The recording is opened again with the angles mended, and nothing is wrong with it.

@@ -1,4 +1,4 @@
-"""Shape and proposal compared on the canvas: each alone, wiped, blinking, their difference, both values."""
+"""Shape and proposal compared on the canvas: each alone, blinking, their difference, both values."""
 
 from __future__ import annotations
 
@@ -51,12 +51,11 @@ class Cloth:
         return [self._tab.drawn(uv)[0][3] > 0 for uv in (self.only_shape, self.only_proposal, self.both)]
 
 
-def test_shape_and_proposal_are_compared_by_keys_the_wipe_and_their_difference(open_tab, program):
+def test_shape_and_proposal_are_compared_by_keys_and_their_difference(open_tab, program):
     tab = open_tab().ready()
     tab.step()
     at = Cloth(tab, program.url)
     each_is_shown_alone_by_its_key(tab, at)
-    the_wipe_shows_the_shape_left_of_it_and_the_proposal_right_of_it(tab, at)
     the_difference_goes_through_color_height_and_position(tab, at)
     both_values_and_their_difference_are_told_under_the_pointer(tab, at)
 
@@ -71,32 +70,6 @@ def each_is_shown_alone_by_its_key(tab, at):
     tab.shoot("compare-proposal-alone")
     tab.page.keyboard.press(".")
     assert at.seen() == [True, True, True]
-    tab.page.keyboard.press("o")
-    assert at.seen() == [True, False, True]
-    tab.page.keyboard.press("o")
-
-
-def the_wipe_shows_the_shape_left_of_it_and_the_proposal_right_of_it(tab, at):
-    tab.page.keyboard.press("w")
-    handle = tab.page.locator(".wipe")
-    handle.wait_for()
-    tab.shoot("compare-wipe")
-    stage = tab.page.locator("#stage").bounding_box()
-    for share, seen in ((0.999, [True, False, True]), (0.001, [False, True, True])):
-        box = handle.bounding_box()
-        y = box["y"] + 90
-        tab.drag((box["x"] + box["width"] / 2, y), (stage["x"] + share * stage["width"], y))
-        assert at.seen() == seen
-    assert tab.state()["picks"] == []  # dragging the wipe picks nothing
-    handle.focus()
-    before = int(handle.get_attribute("aria-valuenow"))
-    tab.page.keyboard.press("ArrowRight")
-    tab.page.keyboard.press("Shift+ArrowRight")
-    assert int(handle.get_attribute("aria-valuenow")) == before + 12
-    tab.page.wait_for_timeout(400)  # longer than the pause that ends a gesture of the arrow keys
-    assert tab.state()["pending"]["nudge"]["u_mm"] == 0.0
-    tab.page.keyboard.press("w")
-    expect(handle).to_be_hidden()
 
 
 def the_difference_goes_through_color_height_and_position(tab, at):
@@ -120,9 +93,8 @@ def the_difference_goes_through_color_height_and_position(tab, at):
         off = np.abs(around - np.array(tab.drawn(at.both)[0][:3])).max(axis=1)
         assert off.min() <= 40, (kind, around.tolist(), tab.drawn(at.both))
         tab.shoot(f"compare-difference-{kind}")
-    tab.page.keyboard.press("o")
+    tab.page.keyboard.press("d")
     expect(legend).to_be_hidden()
-    tab.page.keyboard.press("o")
 
 
 def both_values_and_their_difference_are_told_under_the_pointer(tab, at):

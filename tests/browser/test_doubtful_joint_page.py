@@ -43,7 +43,7 @@ def test_a_doubtful_shape_is_found_understood_and_repaired_by_four_keys_that_the
     # The line of what to do next asks about the part, and how it fits is told with its texture.
     hint = page.locator("#hint")
     expect(hint).to_have_text(re.compile(r"^Where does this part lie\? Keep it as it is \(A\)"))
-    expect(panel.locator("#joint-fit")).to_have_text(re.compile(r"gap \d+ mm, texture \d+ of 255, "))
+    expect(panel.locator("#joint-fit")).to_have_text(re.compile(r"gap \d+ mm, colours \d+ % apart, "))
     page.keyboard.press(".")
     expect(places.locator("[aria-pressed=true]")).to_contain_text("By the garment")
     expect(panel.locator("#joint-fit")).to_contain_text("mm off, gap")

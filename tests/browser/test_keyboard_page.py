@@ -82,9 +82,9 @@ def test_settings_are_set_kept_and_reset(open_tab, program):
     keys = tab.page.keyboard
     keys.press("Control+,")
     sheet = tab.page.get_by_role("dialog", name="Settings")
-    sheet.get_by_label("Arrow key, mm").fill("7")
+    sheet.get_by_label("Arrow keys move by, mm").fill("7")
     keys.press("Tab")
-    sheet.get_by_role("button", name="Reset Arrow key, mm").wait_for()
+    sheet.get_by_role("button", name="Reset Arrow keys move by, mm").wait_for()
     sheet.get_by_role("checkbox", name="Continue after a verdict").check()
     tab.until("flatcloth.state.settings.advance")
     assert '"step_mm": 7' in (program.session / "settings.json").read_text()
@@ -102,13 +102,14 @@ def test_settings_are_set_kept_and_reset(open_tab, program):
     tab.until("flatcloth.state.settings.advance && flatcloth.state.settings.step_mm === 2")
     sheet.get_by_label("Auto runs until", exact=True).select_option("views")
     tab.until("flatcloth.state.settings.auto_until === 'views'")
-    sheet.get_by_label("This many views", exact=True).select_text()
+    sheet.get_by_label("Number of views", exact=True).select_text()
     # The list is made anew before one types: what is typed still replaces the number.
     tab.page.evaluate("flatcloth.send({type: 'set', values: {step_mm: 4}})")
-    sheet.get_by_role("button", name="Reset Arrow key, mm").wait_for()
+    sheet.get_by_role("button", name="Reset Arrow keys move by, mm").wait_for()
     assert tab.page.evaluate("document.activeElement.id") == "setting-auto_views"
     keys.type("3")
     keys.press("Tab")
     tab.until("flatcloth.state.settings.auto_views === 3")
-    sheet.get_by_label("Theme").select_option("Dark")
+    keys.press("Escape")
+    keys.press("t")
     assert tab.page.evaluate("document.documentElement.dataset.theme") == "dark"

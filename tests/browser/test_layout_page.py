@@ -63,19 +63,19 @@ def test_each_window_has_all_controls_uncovered_and_a_canvas_to_work_on(open_tab
             found[width, height] = tab.findings()
         tab.shoot(f"layout-{width}x{height}")
     assert {size: what for size, what in found.items() if what} == {}
-    panes_are_chosen_by_key_and_an_action_brings_the_one_it_needs(tab)
+    panes_are_chosen_and_an_action_brings_the_one_it_needs(tab)
     splitters_keep_least_sizes_and_the_read_out_folds(tab)
 
 
-def panes_are_chosen_by_key_and_an_action_brings_the_one_it_needs(tab):
+def panes_are_chosen_and_an_action_brings_the_one_it_needs(tab):
     resize(tab, 640, 360, "tabs")
     keys = tab.page.keyboard
     tab.page.locator("[data-id=pane-flat]").click()
     assert tab.page.evaluate("flatcloth.layout.pane") == "flat"
-    keys.press("Shift+V")
+    tab.page.locator("[data-id=pane-scene]").click()
     assert tab.page.locator("#viser").is_visible()
     assert not tab.page.locator("#canvas").is_visible()
-    keys.press("Shift+V")
+    tab.page.locator("[data-id=pane-details]").click()
     assert tab.page.locator("#proposal").is_visible()
     keys.press("Shift+I")
     assert tab.page.evaluate("flatcloth.layout.pane") == "scene"

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import time
 
+import cv2
+import numpy as np
 import pytest
 
 pytestmark = [pytest.mark.browser, pytest.mark.scene]
@@ -34,6 +37,7 @@ def test_picks_are_numbered_the_pointer_is_linked_both_ways_and_else_the_scene_r
     tab.shoot("linked")
     tab.page.mouse.move(5, 5)
     the_scene_is_drawn_when_something_changes_and_else_rests(tab)
+    a_scene_that_was_hidden_is_drawn_again(tab)
 
 
 WATCH_DRAWING = """() => {
@@ -54,3 +58,23 @@ def the_scene_is_drawn_when_something_changes_and_else_rests(tab):
     tab.scene.wait_for_function("performance.now() - drawnAt > 2500", polling=100)
     tab.scene.evaluate("window.rested = drawnAt, window.__viserMutable.requestRender()")
     tab.scene.wait_for_function("drawnAt > rested", polling=100)
+
+
+def a_scene_that_was_hidden_is_drawn_again(tab):
+    def cloth_is_seen():
+        frame = tab.page.locator("#viser").bounding_box()
+        middle = {"x": frame["x"] + frame["width"] / 3, "y": frame["y"] + frame["height"] / 3}
+        png = tab.page.screenshot(clip={**middle, "width": frame["width"] / 3, "height": frame["height"] / 3})
+        image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+        return np.mean(np.ptp(image, axis=2) > 20) > 0.02
+
+    assert cloth_is_seen()
+    wide = tab.page.viewport_size
+    tab.page.set_viewport_size({"width": 700, "height": 1000})
+    tab.page.locator("#viser").wait_for(state="hidden")
+    tab.page.set_viewport_size(wide)
+    tab.page.locator("#viser").wait_for()
+    until = time.monotonic() + 60
+    while not cloth_is_seen():
+        assert time.monotonic() < until, "the scene stays empty"
+        tab.page.wait_for_timeout(200)

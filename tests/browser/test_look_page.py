@@ -1,4 +1,4 @@
-"""Looking at the flattened view: turned, flipped, measured, in other colours; the data stay as they are."""
+"""Looking at the flattened view: turned, flipped, measured; the data stay as they are."""
 
 from __future__ import annotations
 
@@ -40,10 +40,9 @@ def cloth(tab):
     return found[2], found[-3]
 
 
-def test_the_view_is_turned_flipped_coloured_picked_and_measured(open_tab):
+def test_the_view_is_turned_flipped_picked_and_measured(open_tab):
     tab = open_tab().ready()
     turning_goes_both_ways_and_a_flip_exchanges_left_and_right(tab)
-    colours_and_window_change_what_is_seen_and_its_legend(tab)
     cloth_is_picked_and_measured_by_keys_alone(tab)
 
 
@@ -63,7 +62,7 @@ def back(tab):
     """Bring the proposal back to its best place, and the view back as it was."""
     tab.page.keyboard.press("Control+i")
     tab.until("flatcloth.state.pending.score > 0.75 && !flatcloth.state.drawing")
-    chip = tab.page.locator(".turned")
+    chip = tab.page.locator("#turned")
     if chip.is_visible():
         chip.click()
 
@@ -87,37 +86,7 @@ def turning_goes_both_ways_and_a_flip_exchanges_left_and_right(tab):
     x1, y1 = tab.at(a)
     assert x0 + x1 == pytest.approx(2 * middle["x"] + middle["width"], abs=1.0)
     assert y1 == pytest.approx(y0, abs=1.0)
-    tab.page.locator(".turned").click()
-
-
-def colours_and_window_change_what_is_seen_and_its_legend(tab):
-    tab.page.keyboard.press("2")
-    legend = tab.page.locator("#legend")
-    expect(legend).to_contain_text("Height z (mm)")
-    ramp = "r => r.style.background"
-    before = legend.locator(".ramp").evaluate(ramp)
-    top = legend.locator(".scale span").first
-    high = top.inner_text()
-    tab.page.keyboard.press("Shift+L")
-    panel = tab.page.locator("#look")
-    with tab.page.expect_response(re.compile(r"/layers/\d+/height\.png\?map=gray$")):
-        panel.locator("select").select_option("gray")
-    assert legend.locator(".ramp").evaluate(ramp) != before
-    upper = panel.get_by_label("To")
-    upper.focus()
-    with tab.page.expect_response(re.compile(r"/layers/\d+/height\.png\?map=gray&high=0\.99$")):
-        tab.page.keyboard.press("ArrowLeft")
-    assert top.inner_text() != high
-    tab.shoot("look-colours")
-    tab.page.keyboard.press("1")  # another layer is looked at as it is
-    expect(panel.get_by_label("White")).to_have_value("1")
-    tab.page.keyboard.press("2")
-    panel.get_by_role("button", name="Reset").click()
-    expect(top).to_have_text(high)
-    assert legend.locator(".ramp").evaluate(ramp) == before
-    tab.page.keyboard.press("Shift+L")
-    assert tab.page.evaluate("flatcloth.column.part") != "look", "the column shows what there is"
-    tab.page.keyboard.press("1")
+    tab.page.locator("#turned").click()
 
 
 def pointer(tab):
@@ -240,7 +209,7 @@ def what_is_measured_follows_the_shape(tab):
 
 
 @pytest.mark.scene
-def test_look_says_what_the_scene_shows_and_sets_its_axis(open_tab):
+def test_look_says_what_the_scene_shows(open_tab):
     tab = open_tab(1366, 768).ready()
     expect(tab.scene.locator("[data-floating-window]")).to_be_hidden()
     tab.page.keyboard.press("Shift+L")
@@ -248,13 +217,6 @@ def test_look_says_what_the_scene_shows_and_sets_its_axis(open_tab):
     tab.scene.wait_for_function(
         "() => { const node = __viserMutable.nodeRefFromName['/camera']; return node && !node.visible; }"
     )
-    tab.page.get_by_role("button", name="Set the axis").click()
-    right = tab.page.get_by_label("Right, mm")
-    right.fill("1")
-    right.press("Enter")
-    assert tab.state()["axis"]["right_m"] != 0.001  # it is only drawn
-    tab.page.get_by_role("button", name="Apply").click()
-    tab.page.locator(".toast", has_text="The turning axis was set by hand").wait_for()
-    tab.until("flatcloth.state.axis.right_m === 0.001 && flatcloth.state.axis.estimated")
-    expect(tab.page.get_by_role("button", name="Set the axis")).to_be_visible()
     tab.shoot("look-scene")
+    tab.page.keyboard.press("Shift+L")
+    assert tab.page.evaluate("flatcloth.column.part") != "look", "the column shows what there is"

@@ -62,7 +62,7 @@ class Offline:
 
     def held_m(self) -> list[float]:
         return [
-            float(x.replace("\u2212", "-")) / 1000 for x in self.values()["held"].removesuffix(" mm").split()
+            float(x.replace("\u2212", "-")) / 1000 for x in self.values()["Place"].removesuffix(" mm").split()
         ]
 
     def on_flat(self, u_m: float, v_m: float) -> tuple[float, float]:
@@ -150,7 +150,7 @@ def a_click_in_3d_is_shown_on_the_flat(tab: Offline, session: OpenedSession) -> 
 def a_kept_pick_shows_its_gripper_on_both_sides(tab: Offline, session: OpenedSession) -> None:
     tab.page.get_by_role("button", name="Show edge <b>").click()
     expect(tab.page.locator("#pick h2")).to_have_text("edge <b>")
-    assert tab.values()["opening"] == "40 mm"
+    assert tab.values()["Opening"] == "40 mm"
     assert math.dist(tab.held_m(), session.history.picks[1].position_held_m) < 1e-4
     (gripper,) = [
         p["grip"]["gripper_m"]
@@ -175,7 +175,7 @@ def a_click_on_the_flat_is_shown_in_3d_and_the_pointer_tells_its_values(
     expect(tab.page.locator("#pick h2")).to_have_text("Here")
     point = view.xyz_m[rc].astype(float).tolist()
     assert math.dist(tab.held_m(), point) < 0.002
-    assert tab.values()["source"].startswith(f"view {view.view_index[rc]} @")
+    assert tab.values()["Source"].startswith(f"view {view.view_index[rc]} @")
     tab.marked("#cloud", *tab.on_cloud(point), 40)
     tab.marked("#canvas", *tab.on_flat(float(u_m), float(v_m)), 20)
     tab.shoot("offline-picked")

@@ -94,7 +94,7 @@ class ByKeys(ByMouse):
             self.page.keyboard.press("Shift+ArrowRight")
 
     def reopen(self, view):
-        self.do("lowest_score")  # flagged views come first
+        self.press(f"view-{view}")
         expect(self.page.get_by_role("dialog", name=f"View {view}")).to_be_visible()
         self.page.keyboard.press("Control+e")
 

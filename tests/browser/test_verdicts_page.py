@@ -1,4 +1,4 @@
-"""What a proposal adds is foreseen; what waits, and the lowest score, are decided again by keys alone."""
+"""What a proposal adds is foreseen; what waits is decided again by keys alone."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def step_and_skip(tab):
     return skipped
 
 
-def test_jumps_lead_to_what_waits_and_to_the_lowest_score_by_keys_alone(open_tab):
+def test_what_waits_is_jumped_to_and_decided_again_by_keys_alone(open_tab):
     tab = open_tab().ready()
     skipped = step_and_skip(tab)
     tab.step()
     expect(tab.page.locator("#checks li.passed")).to_have_count(3)
-    expect(tab.page.locator("#foreseen")).to_contain_text("adds")
+    expect(tab.page.locator("#foreseen")).to_contain_text("Adds")
     foreseen, before = tab.state()["pending"]["foreseen"], area_cm2(tab)
     tab.accept()
     assert area_cm2(tab) - before == pytest.approx(foreseen["added_cm2"], rel=0.25, abs=25)
@@ -51,8 +51,8 @@ def test_jumps_lead_to_what_waits_and_to_the_lowest_score_by_keys_alone(open_tab
     tab.page.keyboard.press("Escape")
     card.wait_for(state="hidden")
     tab.until(f"document.activeElement.dataset.id === 'view-{skipped}'")
-    tab.page.keyboard.press("q")
     (accepted,) = states(tab, "accepted")
+    tab.page.locator(f"[data-id=view-{accepted}]").press("Enter")
     card = tab.page.get_by_role("dialog", name=f"View {accepted}")
     assert "accepted, number 1, score" in card.inner_text()
     tab.page.keyboard.press("Enter")
@@ -62,3 +62,23 @@ def test_jumps_lead_to_what_waits_and_to_the_lowest_score_by_keys_alone(open_tab
     tab.page.keyboard.press("j")
     tab.page.keyboard.press("Control+e")
     tab.until(f"flatcloth.state.pending?.view_index === {skipped}")
+
+
+def test_a_double_click_gives_one_verdict(open_tab):
+    """Its second click comes when the next view is there, which nobody has looked at."""
+    tab = open_tab().ready()
+    tab.step()
+    first = tab.state()["pending"]["view_index"]
+    accept = tab.page.locator("[data-action=accept]")
+    tab.page.evaluate(
+        "flatcloth.send({type: 'set', values: {advance: true}}), (performance.now = () => 5000)"
+    )
+    tab.until("flatcloth.state.settings.advance")
+    tab.page.evaluate("performance.now = () => 5000")
+    accept.click()
+    tab.until(f"flatcloth.state.pending && flatcloth.state.pending.view_index !== {first}")
+    accept.click()
+    tab.page.evaluate("performance.now = () => 6000")
+    tab.page.keyboard.press("k")
+    tab.until("flatcloth.state.views.some((view) => view.state === 'skipped')")
+    assert states(tab, "accepted") == [first]

@@ -40,7 +40,7 @@ def served(tmp_path: Path, spoils: int | None):
 
     loop = PageLoop(tmp_path / "out", SHAPE, Budget(views=5.0))
     loop.take(eye(0.0, 0))
-    controller = functools.partial(ActiveApplication, loop, eye=eye, source=cell.name)
+    controller = functools.partial(ActiveApplication, loop, eye=eye)
     opened = Opened(loop.integration, loop.session, controller=controller, close=loop.close)
     with PageServer(opened, port=0) as server:
         yield server

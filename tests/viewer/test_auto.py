@@ -15,22 +15,18 @@ RUNS = AutoInfo(running=True)
 BEGUN = Document(start_view=0)
 
 
-def next_step(document=BEGUN, settings=None, *, auto_now=RUNS, expected=None, floating_m2=0.0):
+def next_step(document=BEGUN, settings=None, *, auto_now=RUNS, floating_m2=0.0):
     sheet = SimpleNamespace(floating_m2=floating_m2, shape_m2=0.1)
     picture = SimpleNamespace(document=document, sheet=sheet)
     state = SessionState(12, document)
-    return auto.next_step(state, auto_now, settings or Settings(), picture, expected)
+    return auto.next_step(state, auto_now, settings or Settings(), picture)
 
 
-def test_it_ends_where_the_next_view_adds_less_than_chosen():
-    until = Settings(auto_until="area", auto_least_cm2=50)
-    assert next_step(settings=until) == auto.Foresee()
-    assert next_step(settings=until, expected=(BEGUN, 0.006)) == Propose()
-    assert next_step(settings=until, expected=(BEGUN, None)) == Propose(), "the method says that it ends"
-    step = next_step(settings=until, expected=(BEGUN, 0.004))
+def test_it_ends_at_the_chosen_number_of_views():
+    assert next_step(settings=Settings(auto_until="views", auto_views=2)) == Propose()
+    step = next_step(settings=Settings(auto_until="views", auto_views=1))
     assert isinstance(step, auto.End)
-    assert "40 cm²" in step.by_choice
-    assert next_step(settings=until, expected=(Document(start_view=1), 0.004)) == auto.Foresee(), "outdated"
+    assert step.by_choice == "The shape has 1 views, as chosen."
 
 
 def test_an_end_with_much_floating_cloth_is_no_success():

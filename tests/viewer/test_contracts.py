@@ -151,7 +151,7 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
         ({"type": "set", "values": {"step_mm": 5, "follow": False}},
          {"settings.step_mm": 5, "settings.follow": False}),
         ({"type": "set", "values": {"step_mm": 1000}},
-         {"note": "Arrow key, mm: 1000.0 cannot be set."}),
+         {"note": "Arrow keys move by, mm: 1000.0 cannot be set."}),
         ({"type": "set", "reset": True}, {"settings.step_mm": 2, "settings.follow": True}),
     ]),
     "picks are named, shown and deleted": ({}, [
@@ -225,7 +225,7 @@ REFUSED = [
     ('{"type": "hover", "id": 1, "u_m": 1e999, "v_m": 0}', "$.u_m"),
     ('{"type": "hover", "id": 1, "v_m": 0, "u_m": 1e9}', "<= 1000"),
     ('{"type": "auto", "running": 1}', "Expected `bool`, got `int` - at `$.running`"),
-    ('{"type": "set", "values": {"auto_threshold": 2}}', "Auto accepts from: 2.0 cannot be set"),
+    ('{"type": "set", "values": {"auto_threshold": 2}}', "Auto accepts from a score of: 2.0 cannot be set"),
     ('{"type": "set", "values": ' + "[" * 50_000, "$.values"),
     ('{"type": "rename_pick", "id": 1, "name": " "}', "$.name"),
     ('{"type": "rename_pick", "id": 1, "name": "\\ud800"}', "truncated"),

@@ -167,7 +167,7 @@ def test_a_second_export_waits_for_its_turn_and_too_many_are_refused(
         third = get(unchanged, "/export/outline.json")
         assert (third.status_code, "Too many exports wait" in third.text) == (429, True)
         # Nothing else waits for them.
-        assert get(unchanged, "/colormaps.json").status_code == 200
+        assert get(unchanged, "/start/places.json").status_code == 200
         slow_export.gate.set()
         assert first.result().content == second.result().content == b"<svg/>"
     assert get(unchanged, "/export/outline.json", timeout=120).status_code == 200

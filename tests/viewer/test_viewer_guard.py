@@ -302,7 +302,7 @@ def test_pages_of_other_sites_cannot_ask_for_anything(server):
 
 
 def test_every_answer_says_that_only_the_page_may_use_it(server):
-    for path in ("/", "/viser/", "/static/main.js", "/colormaps.json", "/nothing"):
+    for path in ("/", "/viser/", "/static/main.js", "/start/places.json", "/nothing"):
         answer = get(server, path)
         assert answer.headers["cross-origin-resource-policy"] == "same-origin"
     assert b"cross-origin-resource-policy" in ask(server, request(server, token=False)).lower()

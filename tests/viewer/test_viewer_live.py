@@ -96,14 +96,11 @@ def server(tmp_path: Path) -> Iterator[PageServer]:
     assert not left & {"flatcloth-background", "flatcloth-session"}
 
 
-def test_frames_come_in_the_layer_that_is_asked_for(server: PageServer) -> None:
-    legends = [get_frame(server, layer=layer)["legend"]["title"] for layer in ("stretch", "density")]
-    assert legends == ["Stretch (%)", "Density (px/cm²)"]
+def test_a_frame_comes_with_its_place_on_the_plane(server: PageServer) -> None:
     frame = get_frame(server)
     grid = frame["grid"]
-    assert frame["legend"]["kind"] == "none"
     assert frame["image"].shape == (grid["rows"], grid["cols"], 4)
-    assert get(server, "/capture/frame/0/x").status_code == 404
+    assert get(server, "/capture/frame/x").status_code == 404
 
 
 def test_a_click_pauses_and_picks_on_the_frame_that_was_seen(server: PageServer) -> None:
@@ -118,9 +115,9 @@ def test_a_click_pauses_and_picks_on_the_frame_that_was_seen(server: PageServer)
         state = tab.state_where(lambda s: s["pick"])
         assert not state["capture"]["playing"]
         np.testing.assert_allclose(state["pick"]["uv_m"], (u, v), atol=0.003)
-        held = get_frame(server, later["sequence"], "density")
+        held = get_frame(server, later["sequence"])
         np.testing.assert_allclose(held["pick_uv_m"], (u, v), atol=0.003)
-        assert get(server, f"/capture/frame/{held['sequence']}/color").status_code == 204
+        assert get(server, f"/capture/frame/{held['sequence']}").status_code == 204
         tab.say(type="play", playing=True)
         assert tab.state_where(lambda s: s["capture"]["playing"])
 

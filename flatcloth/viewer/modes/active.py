@@ -24,7 +24,6 @@ from flatcloth.active.incoming import SeenView, Taken
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.active.service import ActiveService, Eye
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError, RecordingError
-from flatcloth.core.types import finite
 from flatcloth.engine.headless import better_start
 from flatcloth.session.document import UNSURE
 from flatcloth.session.machine import Phase, Propose, Reject, Restart, SessionState, Start
@@ -89,15 +88,13 @@ class ActiveApplication(Application):
         With at least one view.
     eye : callable, optional
         Turns a cell to an angle and looks; without it a robot sends the views.
-    source : str
-        What turns the item, for the page.
     """
 
-    def __init__(self, loop: PageLoop, scene: Scene, tabs: Hub, eye: Eye | None, source: str) -> None:
+    def __init__(self, loop: PageLoop, scene: Scene, tabs: Hub, eye: Eye | None) -> None:
         assert loop.integration is not None
         assert loop.session is not None
         super().__init__(loop.integration, loop.session, scene, tabs)
-        self.loop, self._eye, self._source = loop, eye, source
+        self.loop, self._eye = loop, eye
         self._undecided: int | None = None
         self._is_learning = self._is_turning = False
         self._restarted_with: int | None = None
@@ -210,7 +207,6 @@ class ActiveApplication(Application):
         loop, asked = self.loop, self.loop.asked
         following = asked if isinstance(asked, Next) else None
         return ActiveStatus(
-            source=self._source,
             goal=str(loop.goal),
             budget=str(loop.budget),
             folder=str(loop.folder),
@@ -219,7 +215,6 @@ class ActiveApplication(Application):
             angle_deg=None if following is None else following.angle_deg,
             turn_deg=None if following is None else following.turn_deg,
             why="" if following is None else following.why,
-            new_cm2=None if following is None else finite(1e4 * following.new_m2),
             end=asked.reason if isinstance(asked, End) else None,
             waiting=asked.reason if isinstance(asked, Waiting) else "",
             turning=self._is_turning,

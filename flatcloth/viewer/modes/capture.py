@@ -61,10 +61,8 @@ from flatcloth.viewer.protocol.sent import (
     CaptureStatus,
     FrameInfo,
     Grid,
-    Legend,
     ViewRow,
     parcel_of,
-    typed,
 )
 
 if TYPE_CHECKING:
@@ -387,34 +385,25 @@ class CaptureApplication(PageController):
         return [
             http.get("/capture", lambda _: self.status()),
             http.get("/capture/view.png", view),
-            http.get(
-                "/capture/frame/{after:int}/{layer}", self._frame, "application/octet-stream", gone=None
-            ),
+            http.get("/capture/frame/{after:int}", self._frame, "application/octet-stream", gone=None),
             Route("/capture/{action}", hear, methods=["POST"]),
         ]
 
     def _frame(self, request: Request) -> bytes | None:
-        """Return the next frame for a tab in a layer; None if there is none yet."""
-        layer = request.path_params["layer"]
-        if layer not in layers.LAYERS:
-            known = ", ".join(layers.LAYERS)
-            raise http.RefusedError(f"Unknown layer {layer!r:.40}; choose one of {known}.", 404)
+        """Return the next frame for a tab; None if there is none yet."""
         shown = self._frames.after(request.path_params["after"])
         if shown is None:
             return None
         if shown is not self._shown:
             self._shown, self.picture = shown, shown.picture
             self._put(None, self.report if self._frames.playing else self.publish)
-        picture, axis = shown.picture, self.integration.axis
+        picture = shown.picture
         info = FrameInfo(sequence=shown.sequence, reason=shown.reason)
         if picture is not None:
-            info = structs.replace(
-                info,
-                grid=Grid(**grid_of(picture.view)),
-                legend=typed(layers.legend(picture.view, layer, axis, (0.0,)), Legend),
-                pick_uv_m=self._pick_uv_m(picture),
-            )
-        frame = {} if picture is None else {"frame": layers.rgba(picture.view, layer, axis, 1)}
+            grid, pick_uv_m = Grid(**grid_of(picture.view)), self._pick_uv_m(picture)
+            info = structs.replace(info, grid=grid, pick_uv_m=pick_uv_m)
+        axis = self.integration.axis
+        frame = {} if picture is None else {"frame": layers.rgba(picture.view, "color", axis, 1)}
         return parcel_of(info, frame).pack()
 
     def _pick_uv_m(self, picture: Picture) -> UV | None:

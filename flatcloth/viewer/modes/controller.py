@@ -25,7 +25,6 @@ from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
-from flatcloth.rendering.layers import Appearance
 from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.hub import Hub
@@ -287,8 +286,8 @@ class PageController(ABC):
                 self.publish()
             case messages.TurnTo(view_index=view):
                 self._turn_to(view)
-            case messages.Look(layer=layer, map=name, low=low, high=high):
-                self.scene.color_by(layer, Appearance(name, low, high))
+            case messages.Look(layer=layer):
+                self.scene.color_by(layer)
             case messages.Measure():
                 self.tabs.tell(client, self._measured(message))
             case _:
@@ -324,7 +323,7 @@ class PageController(ABC):
     def _turn_to_pick(self) -> None:
         """Turn the camera to a view that saw the current pick, if the pick faces away from it now."""
         current, picture = self._picks.current, self.picture
-        if current is None or picture is None or not self.settings.now.turn_to_pick:
+        if current is None or picture is None:
             return
         if faces_away(current, self.integration.axis, picture.angle_deg):
             self._turn_to(current.view_index)

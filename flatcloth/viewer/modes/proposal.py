@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Float64, LaidPiece, Rigid2, RotationAxis, finite
+from flatcloth.core.types import Float64, LaidPiece, Rigid2, finite
 from flatcloth.engine.garment import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore, fit_pairs
@@ -20,7 +20,7 @@ from flatcloth.session.kept import Ghost, Ghosts
 from flatcloth.session.machine import Command, Nudge, Reopen, TakePart
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picture import Overlay, Picture, shown_center_uv_m
-from flatcloth.viewer.protocol.sent import AxisInfo, PairsAnswer, PreviewAnswer
+from flatcloth.viewer.protocol.sent import PairsAnswer, PreviewAnswer
 
 _STILL_MM = 0.05
 """Smaller motions are reported as none. Chosen: half of the last digit shown."""
@@ -113,39 +113,6 @@ def refined_motion(pending: Pending, found: RefinedScore, center: Float64) -> tu
     return by, (
         f"Refined: moved by {shift_mm:.1f} mm and {turn_deg:.1f}\u00b0;"
         f" score {found.score.total:.2f}, now {found.refined_score.total:.2f}."
-    )
-
-
-def turned_about(integration: Integration, axis: RotationAxis) -> str:
-    """Take a turning axis that was set by hand; return how well the views agree about it."""
-    integration.views.turn_about(axis)
-    try:
-        return f"The turning axis was set by hand. {integration.views.axis_agreement()}"
-    except FlatclothError as error:
-        return f"The turning axis was set by hand. {error}"
-
-
-def axis_info(axis: RotationAxis) -> AxisInfo:
-    """Return a turning axis as the camera of view 0 sees it."""
-    lean_deg = np.degrees(np.arcsin(axis.direction))
-    return AxisInfo(
-        right_m=float(axis.point_m[0]),
-        away_m=float(axis.point_m[2]),
-        lean_right_deg=float(lean_deg[0]),
-        lean_away_deg=float(lean_deg[2]),
-        estimated=axis.estimated,
-    )
-
-
-def meant_axis(axis: RotationAxis, message: messages.SetAxis) -> RotationAxis:
-    """Return the axis that a message describes in the place of another."""
-    right, away = np.sin(np.radians([message.lean_right_deg, message.lean_away_deg]))
-    up = np.copysign(np.sqrt(max(0.0, 1.0 - right**2 - away**2)), axis.direction[1])
-    return replace(
-        axis,
-        point_m=np.array([message.right_m, axis.point_m[1], message.away_m]),
-        direction=np.array([right, up, away]),
-        estimated=True,
     )
 
 

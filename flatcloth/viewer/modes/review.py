@@ -16,7 +16,7 @@ from starlette.routing import BaseRoute
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.diagnostics import Reasons, reasons
-from flatcloth.engine.result import Areas, Result, expected_next_m2, result_of
+from flatcloth.engine.result import Areas, Result, result_of
 from flatcloth.export.history import FLAGS, SUSPECT, Flags, overridden, read_history
 from flatcloth.flattening.surface import item_mask
 from flatcloth.methods.answers import ZAngleLine
@@ -86,10 +86,6 @@ class ReviewService:
             keep_summary(
                 folder, picture.document, sheet.shape_m2, sheet.floating_m2, known.kind if known else ""
             )
-
-    def foresee(self, document: Document, done: Callable[[Document, float | None], None]) -> None:
-        """Look up what the next view is expected to add (m2); ``done`` is called on another thread."""
-        self._page.executor.put("work", lambda: done(document, expected_next_m2(self._areas, document)))
 
     def of_views(self, document: Document) -> dict[int, dict[str, Any]]:
         """Return order, area added and flags of the decided views, as fields of their rows."""

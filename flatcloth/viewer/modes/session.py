@@ -13,13 +13,13 @@ from msgspec import structs
 from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import Floats, RotationAxis
+from flatcloth.core.types import Floats
 from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
 from flatcloth.session.document import Document, Pending
-from flatcloth.session.kept import check_axis, keep_ghosts, read_ghosts
+from flatcloth.session.kept import keep_ghosts, read_ghosts
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -93,7 +93,6 @@ class Application(PageController):
         super().__init__(integration, folder, scene, tabs)
         self._trouble = ""  # why the shape of the present document cannot be drawn
         self._going_on = False
-        self._expected: tuple[Document, float | None] | None = None
         self._joins: tuple[Document, bool] | None = None
         self._ghosts = read_ghosts(self.place)
         self.other = OtherSideController(self, self.garments, self._other_made)
@@ -193,12 +192,6 @@ class Application(PageController):
                 self.tabs.tell(client, fit)
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
-            case messages.SetAxis(apply=apply):
-                axis = proposal.meant_axis(self.integration.axis, message)
-                if apply:
-                    self._adjust_axis(axis)
-                else:
-                    self.scene.draw_axis(axis)
             case messages.StrokeImage() | messages.StrokeShape() | messages.CutShape():
                 self._by_hand(paint(self._sides.decision(message, self.picture)))
             case messages.Brush():
@@ -277,26 +270,6 @@ class Application(PageController):
         if dab is not None:
             self._by_hand(paint(dab))
 
-    def _adjust_axis(self, axis: RotationAxis) -> None:
-        check_axis(axis)
-        if self._state.request is not None:
-            raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
-        self.folder.keep_axis(axis)
-        self._auto = AutoInfo()
-
-        # Later jobs of the lane use the new axis.
-        self.executor.compute(
-            "work",
-            lambda: proposal.turned_about(self.integration, axis),
-            lambda text: self._turned_about(axis, text),
-            "turning the axis",
-        )
-
-    def _turned_about(self, axis: RotationAxis, text: str) -> None:
-        self.scene.set_axis(axis)
-        self.draw_again()
-        self.tell(None, "info", text)
-
     def draw_again(self) -> None:
         """Draw the shown document again: it is shown otherwise by what is known now."""
         self._work.forget_picture()
@@ -354,12 +327,10 @@ class Application(PageController):
 
     def _auto_step(self) -> None:
         running, settings = self._auto, self.settings.now
-        step = auto.next_step(self._state, running, settings, self.picture, self._expected)
+        step = auto.next_step(self._state, running, settings, self.picture)
         match step:
             case None:
                 return
-            case auto.Foresee():
-                self._review.foresee(self._state.document, self._foreseen)
             case auto.Wait(text):
                 self._auto = AutoInfo(running=True, waits_for=text)
                 self._follow_garment()
@@ -371,10 +342,6 @@ class Application(PageController):
                 self._do(Accept(view, proposal.score_shown(self.picture, self._state.document)))
             case _:
                 self._do(step)
-
-    def _foreseen(self, document: Document, expected_m2: float | None) -> None:
-        self._expected = document, expected_m2
-        self._put(None, self._auto_step)
 
     def _follow_garment(self) -> None:
         shown = None if self.picture is None else self.picture.document
@@ -410,7 +377,6 @@ class Application(PageController):
             "pending": pending,
             "review": self._review.info(document),
             "auto": structs.replace(self._auto, until=auto.until_text(self.settings.now)),
-            "axis": proposal.axis_info(self.integration.axis),
             "sides": self._sides.info(),
             "garment": self._garment.info(),
             "other": self.other.info(),

@@ -77,10 +77,7 @@ restart | Restart | n | Start again from the largest view; this can be undone.
     "timeline": """
 reopen | Reopen | Ctrl+e | Decide again about the view chosen on the timeline; views accepted later
     follow.
-play_views | Play | Space | Turn the item once through all views, each with its image; again: stop.
 next_undecided | Next undecided | j | Go to the next view on the timeline without a decision.
-lowest_score | Lowest score | q | Go to a flagged view first, else to the accepted one with the lowest
-    score.
 review | List | Shift+r | Show or hide the list of all views: sort, filter, turn the item to one, decide
     again.
 result | Result | Shift+e | Show or hide the result: areas, uncertainty, cloth left out, data to export.
@@ -97,12 +94,10 @@ turn_right | Turn right | ] } | Turn the proposal clockwise; Shift: tenfold.
 pairs | Pairs | p | Pick pairs of points on the proposal and on the shape; again: stop.
 fit_pairs | Fit pairs | Ctrl+Enter | Move the proposal so that the pairs fit.
 refine | Refine from here | Ctrl+i | Let the method refine the present placement.
-overlay | Both | o | Show the proposal on the shape; again: the shape alone.
 compare_shape | A: shape | , | Show the shape alone; again: both.
 compare_proposal | B: proposal | . | Show the proposal alone; again: both.
-compare_wipe | Wipe | w | Show shape and proposal on the two sides of a divider; again: both.
 blink | Blink | b | Blink the proposal against the shape; again: stop.
-compare_difference | Difference | d | Map the difference in color; again: in height, in 3D position.
+compare_difference | Difference | d | Map the difference in color; again: in height, in 3D, then both.
 diagnostics | Diagnostics | i | Show the diagnostics of the proposal: pairs of cloth, or the paper's
     lines.
 """,
@@ -125,7 +120,7 @@ layer_truth | Error | * | Show the error of each pixel by the recorded kit.
 fit | Fit | f | Fit the whole flattened view into its pane.
 zoom_in | Zoom in | + = | Zoom in.
 zoom_out | Zoom out | - | Zoom out.
-look | Look | Shift+l | Layers as a list, rotate, flip, ruler, colours; display only, data unchanged.
+look | Look | Shift+l | All layers; rotate, flip, ruler; what the 3D scene shows. The data stay as they are.
 turn_left_seen | Turn view ↺ | 9 | Rotate the display of the flattened view counter-clockwise.
 turn_right_seen | Turn view ↻ | 0 | Rotate the display of the flattened view clockwise.
 flip | Flip | Shift+f | Mirror the display of the flattened view.
@@ -139,8 +134,6 @@ source_states | Left out | Shift+d | Show on the source image which pixels are n
 ruler | Ruler | z | Measure by dragging: flat, along the cloth, through the air; Esc clears.
 pointer | Pointer | Shift+p | Move the pointer with arrows (Shift: tenfold); Enter clicks, Space drags,
     Esc ends.
-pane | Next pane | Shift+v | In a narrow window: show the next pane (flattened view, 3D, details).
-column | Next part | Shift+x | Show the next part of the right column.
 readout | Values | Shift+b | Fold or unfold the values under the pointer.
 follow | Follow | v | Keep the 3D camera at the real camera's position.
 """,
@@ -252,8 +245,6 @@ def _why_not(action: Action, state: SessionState | None) -> str | None:
         return document.finished if state.phase is Phase.FINISHED else None
     if action.mode == "capture":
         return NO_CAMERA
-    if name == "lowest_score":
-        return None if document.accepted else "No view has been accepted yet."
     if name == "reopen" and state.phase is Phase.COMPUTING:
         return why_illegal(state, Reopen(0))
     if name == "reopen":

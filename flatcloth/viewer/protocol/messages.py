@@ -25,7 +25,6 @@ MAX_MESSAGE_CHARS = 100_000  # of a whole message
 MAX_NAME_CHARS = 80  # of a pick
 MAX_PAIRS = 50  # of points of cloth, of which two fix a place
 MAX_ANGLE_DEG = 3600.0  # of any angle: ten turns
-MAX_LEAN_DEG = 45.0  # of the turning axis
 MAX_STROKE_POINTS = 1000  # of one stroke
 MAX_BRUSH_M = 0.2  # radius
 
@@ -35,7 +34,6 @@ Pointed = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
 """Where the pointer is, in metres of the plane: also far off the garment, where the page is zoomed out."""
 Radians = Annotated[float, Meta(ge=-100.0, le=100.0)]
 Degrees = Annotated[float, Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
-Lean = Annotated[float, Meta(ge=-MAX_LEAN_DEG, le=MAX_LEAN_DEG)]
 Count = Annotated[int, Meta(ge=-(2**53), le=2**53)]
 """A number of a view, a frame, a pick or a question: what JavaScript counts exactly."""
 Points = Annotated[tuple[tuple[Metres, Metres], ...], Meta(max_length=MAX_PAIRS)]
@@ -219,23 +217,10 @@ class Set(Said, tag="set", frozen=True, kw_only=True):
     values: dict[str, bool | Finite | str] = msgspec.field(default_factory=dict)
 
 
-class SetAxis(Said, tag="axis", frozen=True, kw_only=True):
-    """Set the turning axis by hand, as the camera of view 0 sees it; without ``apply`` it is only drawn."""
-
-    right_m: Metres
-    away_m: Metres
-    lean_right_deg: Lean
-    lean_away_deg: Lean
-    apply: bool
-
-
 class Look(Said, tag="look", frozen=True, kw_only=True):
-    """Colour the 3D scene by a layer of the flattened view, with its colour map and window."""
+    """Colour the 3D scene by a layer of the flattened view."""
 
     layer: LayerName
-    map: Annotated[str, Meta(max_length=40)] | None = None
-    low: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
-    high: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
 
 
 class Play(Said, tag="play", frozen=True, kw_only=True):

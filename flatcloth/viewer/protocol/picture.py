@@ -354,9 +354,9 @@ def _checks(
     worst = _middle(view, far) or shared
     limit = 100 * SHARE_LIMIT
     return (
-        _check("apart", "Distance in space", median_mm, APART_LIMIT_MM, "mm", worst),
-        _check("twice", "Cloth covered twice", 100 * twice, limit, "%", shared),
-        _check("other", "Lies on other cloth", 100 * other, limit, "%", shared),
+        _check("apart", "Apart in space", median_mm, APART_LIMIT_MM, "mm", worst),
+        _check("twice", "Covered twice", 100 * twice, limit, "%", shared),
+        _check("other", "On other cloth", 100 * other, limit, "%", shared),
     )
 
 

@@ -140,7 +140,6 @@ class ActiveStep(Sent, frozen=True):
 class ActiveStatus(Sent, frozen=True):
     """The state of an active loop; ``angle_deg`` is the next one, None at the ``end`` or while it waits."""
 
-    source: str
     goal: str
     budget: str
     folder: str
@@ -149,7 +148,6 @@ class ActiveStatus(Sent, frozen=True):
     angle_deg: float | None
     turn_deg: float | None
     why: str
-    new_cm2: float | None
     end: str | None
     waiting: str
     turning: bool
@@ -472,16 +470,6 @@ class ListedPick(Sent, frozen=True):
     kept: bool
 
 
-class AxisInfo(Sent, frozen=True):
-    """The turning axis as the camera of view 0 sees it; ``estimated``: it is not the recorded one."""
-
-    right_m: float
-    away_m: float
-    lean_right_deg: float
-    lean_away_deg: float
-    estimated: bool
-
-
 class SidesInfo(Sent, frozen=True):
     """What is known of the side of interest; ``revision`` grows with every change of the labels."""
 
@@ -588,7 +576,6 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     review: ReviewInfo | None = None
     sides: SidesInfo | None = None
     garment: GarmentInfo | None = None
-    axis: AxisInfo | None = None
     other: OtherSideInfo | None = None
     capture: CaptureStatus | None = None
     active: ActiveStatus | None = None
@@ -803,7 +790,6 @@ class FrameInfo(Sent, frozen=True):
     sequence: int
     reason: str
     grid: Grid | None = None
-    legend: Legend | None = None
     pick_uv_m: UV | None = None
 
 

@@ -28,13 +28,11 @@ class Settings(Sent, frozen=True):
 
     advance: bool = True
     auto_threshold: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.75
-    auto_until: Literal["all", "area", "views"] = "all"
-    auto_least_cm2: Annotated[float, Meta(ge=1.0, le=5000.0)] = 50.0
+    auto_until: Literal["all", "views"] = "all"
     auto_views: Annotated[float, Meta(ge=1.0, le=10000.0)] = 14.0
     step_mm: Annotated[float, Meta(ge=0.1, le=50.0)] = 2.0
     step_deg: Annotated[float, Meta(ge=0.05, le=45.0)] = 1.0
     follow: bool = True
-    turn_to_pick: bool = True
     show_view: bool = True
     show_shape: bool = True
     show_new: bool = True
@@ -45,17 +43,12 @@ class Settings(Sent, frozen=True):
 
 _DIALOG = """
 advance | Continue after a verdict | After Accept, Reject or Skip, propose the next view.
-auto_threshold | Auto accepts from | Auto accepts a proposal with at least this score, and waits for you
-    below it.
+auto_threshold | Auto accepts from a score of | Below it, Auto waits for you.
 auto_until | Auto runs until | When Auto proposes no further view.
-auto_least_cm2 | Little, cm² | With "a view adds little": the least area that the next view must be expected
-    to add.
-auto_views | This many views | With "this many views": those of the shape, the start view among them.
-step_mm | Arrow key, mm | Step of the arrow keys for the proposal; tenfold with Shift.
-step_deg | Bracket key, ° | Step of [ and ] for the proposal; tenfold with Shift.
+auto_views | Number of views | Auto ends when the shape has so many, the start view among them.
+step_mm | Arrow keys move by, mm | A key moves the proposal so far; tenfold with Shift.
+step_deg | [ and ] turn by, ° | A key turns the proposal so far; tenfold with Shift.
 follow | 3D camera follows | The 3D camera takes the real camera's position of the shown view.
-turn_to_pick | Turn the item to a pick | A pick that faces away from the 3D camera is looked at from where
-    it was seen. Off: its mark shows through the cloth.
 show_view | Present view | The points of the present view, in 3D.
 show_shape | Shape so far | The points of the shape, in 3D.
 show_new | What the proposal adds | The points that it would add, in 3D.
@@ -64,11 +57,9 @@ show_axis | Turning axis | The axis that the item is turned about.
 show_camera | Camera | Where the camera stood at the present view.
 """
 _STEPS = {
-    "auto_threshold": 0.05, "auto_least_cm2": 1.0, "auto_views": 1.0, "step_mm": 0.1, "step_deg": 0.05,
+    "auto_threshold": 0.05, "auto_views": 1.0, "step_mm": 0.1, "step_deg": 0.05,
 }  # fmt: skip
-_OPTIONS = {
-    "auto_until": {"all": "no view adds cloth", "area": "a view adds little", "views": "this many views"}
-}
+_OPTIONS = {"auto_until": {"all": "no view adds cloth", "views": "a number of views"}}
 
 
 class Setting(Sent, frozen=True):

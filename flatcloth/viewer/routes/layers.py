@@ -13,8 +13,6 @@ from starlette.routing import BaseRoute
 from flatcloth.checking.check import checked
 from flatcloth.checking.findings import Check
 from flatcloth.core.cache import Cache
-from flatcloth.core.decoding import MisfitError, fitted
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Floats, RgbdFrame, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import pixel_states
@@ -23,10 +21,9 @@ from flatcloth.flattening.surface import item_mask
 from flatcloth.grasping.visibility import Visibility, visibility_in
 from flatcloth.recordings.base import source_options
 from flatcloth.rendering import layers
-from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.drawing import data_url
 from flatcloth.rendering.evidence import evidence
-from flatcloth.rendering.layers import Appearance, Difference
+from flatcloth.rendering.layers import Difference
 from flatcloth.rendering.pictures import jpeg
 from flatcloth.rendering.sides import state_legend, state_rgba
 from flatcloth.viewer import http
@@ -44,19 +41,11 @@ def layer_routes(page: PageController) -> list[BaseRoute]:
     differences: Cache[Difference] = Cache(1)
 
     def serve(request: Request) -> bytes | None:
-        query = request.query_params
-        try:
-            window = {name: query[name] for name in ("low", "high") if name in query}
-            look = fitted({"color_map": query.get("map"), **window}, Appearance, strict=False)
-        except (MisfitError, FlatclothError) as error:
-            raise http.RefusedError(str(error), 400) from error
         asked = dict(request.path_params)
-        name = asked.pop("name", None) or query.get("layer", "color")
-        return png(name, look, **asked)
+        return png(asked.pop("name", None) or request.query_params.get("layer", "color"), **asked)
 
     def png(
         name: str,
-        look: Appearance,
         revision: int | None = None,
         overlay: int | None = None,
         difference: str | None = None,
@@ -67,7 +56,7 @@ def layer_routes(page: PageController) -> list[BaseRoute]:
         A layer of the shape at its ``revision``, of the other side at its, of the proposal at the revision
         ``overlay``, in the colours of the shape's, or with both revisions a map of a kind of ``difference``.
         """
-        key = name, look, revision, overlay, difference, other
+        key = name, revision, overlay, difference, other
         if key in pngs:
             return pngs.kept(key)
         if (picture := page.picture) is None or name not in layers.LAYERS:
@@ -82,12 +71,12 @@ def layer_routes(page: PageController) -> list[BaseRoute]:
                 return None
             between = revision, overlay
             found = differences.get(between, lambda: layers.difference(shape, proposal.view, axis))
-            image = layers.difference_rgba(found, difference, look)
+            image = layers.difference_rgba(found, difference)
         else:
             shown = its_other if other is not None else proposal if overlay is not None else picture
             assert shown is not None  # its revision was compared
             like, n_views = None if other is not None else shape, len(page.integration.recording)
-            image = layers.rgba(shown.view, name, axis, n_views, look, like=like)
+            image = layers.rgba(shown.view, name, axis, n_views, like=like)
         return pngs.put(key, layers.png(image))
 
     return [
@@ -95,12 +84,7 @@ def layer_routes(page: PageController) -> list[BaseRoute]:
         http.get("/other/{other:int}/{name}.png", serve, gone=None),
         http.get("/overlay/{overlay:int}.png", serve, gone=None),
         http.get("/difference/{revision:int}-{overlay:int}/{difference}.png", serve, gone=None),
-        http.get("/colormaps.json", _maps),
     ]
-
-
-def _maps(_request: Request) -> dict[str, Any]:
-    return {name: {"title": m.title, "colors": layers.ramp_colors(m.table())} for name, m in MAPS.items()}
 
 
 # --- source images --------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The start screen over HTTP: what can be opened, its pictures, and opening it.
 
 ``GET /start/places.json`` returns the offer, ``GET /start/folder.json?path=`` what lies in a folder below the
-root, ``GET /start/picture/{kind}/{name}`` the first image of a place, ``GET /start/here.json`` what is open.
+root, ``GET /start/picture/{kind}/{name}`` the first image of a place.
 ``POST /start/open`` with ``{"kind": "example", "name": "..."}`` opens it for all tabs, and answers then.
 ``POST /start/mend`` with ``{"mends": {"reverse": true}}`` opens what is open again, with these mends. Errors
 are ``{"error": reason}`` with code 400 (malformed), 409 (cannot be opened) or 429 (another is being opened).
@@ -84,7 +84,6 @@ class StartRoutes:
             Route("/start", self.page),
             get("/start/places.json", lambda _: {**self._places.plain(), "current": self._server.recording}),
             get("/start/folder.json", lambda r: self._places.listing(r.query_params.get("path", ""))),
-            get("/start/here.json", lambda _: self._here()),
             Route("/start/picture/{kind}/{name:path}", self._picture),
             Route("/start/open", self._take, methods=["POST"]),
             Route("/start/mend", self._take_mend, methods=["POST"]),
@@ -93,9 +92,6 @@ class StartRoutes:
     async def page(self, request: Request) -> Response:
         """Answer with the start screen."""
         return page_of(request, static_folder() / "start" / "start.html")
-
-    def _here(self) -> dict[str, Any]:
-        return {"name": self._server.recording, "place": self._places.place_of(self._server.session)}
 
     async def _picture(self, request: Request) -> Response:
         kind, name = request.path_params["kind"], request.path_params["name"]

@@ -23,7 +23,6 @@ from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import piece_color, view_colors
-from flatcloth.rendering.layers import PLAIN, Appearance
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.settings import Settings
 
@@ -57,9 +56,7 @@ NOTHING = Cloud(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
 """A cloud without points."""
 
 
-def clouds_of(
-    picture: Picture, axis: RotationAxis, n_views: int, color: str = "color", look: Appearance = PLAIN
-) -> dict[str, Cloud]:
+def clouds_of(picture: Picture, axis: RotationAxis, n_views: int, color: str = "color") -> dict[str, Cloud]:
     """Return the clouds of a picture by the name of their node: present view, shape, what a proposal adds.
 
     Parameters
@@ -68,15 +65,15 @@ def clouds_of(
         What is shown.
     axis, n_views
         Of the recording: for the colours.
-    color, look
-        A layer of the flattened view, and how it is displayed.
+    color
+        A layer of the flattened view.
     """
     view, overlay, live = picture.view, picture.overlay, picture.cloud
 
     def cloud(of: FlattenedView, where: Bool, size_m: float) -> Cloud:
-        if color == "color" and look == PLAIN:
+        if color == "color":
             return Cloud(of.xyz_m[where], of.rgb[where], size_m)
-        colors: Any = layers.rgba(of, color, axis, n_views, look, like=view)[where][:, :3]
+        colors: Any = layers.rgba(of, color, axis, n_views, like=view)[where][:, :3]
         return Cloud(of.xyz_m[where], colors, size_m)
 
     held = _with_pieces(cloud(view, view.valid, 0.0018), picture, color)
@@ -167,7 +164,7 @@ class Scene:
         self._recording = integration.recording  # that of an active loop grows
         self._integration = integration
         self._all: tuple[Hashable, Cloud] = None, NOTHING  # all views, and what their points depend on
-        self._color, self._look = "color", PLAIN
+        self._color = "color"
         self._axis_span_m = (-0.5, 0.5)
         self._picture: Picture | None = None
         self._lock = threading.RLock()
@@ -217,7 +214,7 @@ class Scene:
             thickness_units="screen",
         )
         self._axis_line = server.scene.add_line_segments(
-            "/axis", self._axis_points(self._axis), (140, 140, 140), thickness=1.5, thickness_units="screen"
+            "/axis", self._axis_points(), (140, 140, 140), thickness=1.5, thickness_units="screen"
         )
 
         @server.scene.on_click()
@@ -267,7 +264,7 @@ class Scene:
             return
         if LIVE in self._points:  # what was seen before there was a picture
             self._fill(LIVE, NOTHING)
-        shown = clouds_of(picture, self._axis, len(self._recording), self._color, self._look)
+        shown = clouds_of(picture, self._axis, len(self._recording), self._color)
         shown[ALL] = NOTHING if ALL in self._hidden else self._of_all_views()
         for name, cloud in shown.items():
             self._fill(name, cloud)
@@ -361,7 +358,8 @@ class Scene:
         points = np.concatenate(clouds)
         along = (points - self._axis.point_m) @ self._axis.direction
         self._axis_span_m = (float(along.min()) - 0.05, float(along.max()) + 0.08)
-        self._draw_axis(self._axis)
+        ends: Any = self._axis_points()
+        self._axis_line.points = ends
         center = (np.percentile(points, 1, axis=0) + np.percentile(points, 99, axis=0)) / 2
         offset = np.abs(points - center)
         half_height = float(np.percentile(offset[:, 1], 99.5))
@@ -398,10 +396,10 @@ class Scene:
             client.camera.look_at = self._view_from[0]
         client.flush()
 
-    def color_by(self, layer: str, look: Appearance) -> None:
+    def color_by(self, layer: str) -> None:
         """Colour the shape and the proposal by a layer of the flattened view."""
-        if (layer, look) != (self._color, self._look):
-            self._color, self._look = layer, look
+        if layer != self._color:
+            self._color = layer
             self._show_again()
 
     def _show_again(self) -> None:
@@ -410,21 +408,6 @@ class Scene:
                 self._show(self._picture)
         self._server.flush()
 
-    def set_axis(self, axis: RotationAxis) -> None:
-        """Set the turning axis."""
-        with self._lock:
-            self._axis = axis
-        self.draw_axis(axis)
-
-    def draw_axis(self, axis: RotationAxis) -> None:
-        """Draw another axis, which is not in force yet."""
-        with self._lock, self._server.atomic():
-            self._draw_axis(axis)
-        self._server.flush()
-
-    def _draw_axis(self, axis: RotationAxis) -> None:
-        ends: Any = self._axis_points(axis)
-        self._axis_line.points = ends
-
-    def _axis_points(self, axis: RotationAxis) -> Float64:
+    def _axis_points(self) -> Float64:
+        axis = self._axis
         return np.array([[axis.point_m + x * axis.direction for x in self._axis_span_m]])
