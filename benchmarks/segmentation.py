@@ -134,12 +134,11 @@ def stroke_at_largest_error(found: Segmentation, truth: dict[int, Seen]) -> Imag
     return best[1]
 
 
-def side_shown_first(observed: Evidence, solver: SideSolver, truth: Truth) -> tuple[int, bool]:
-    """Return panel and face of the sheet the segmentation starts from."""
-    view = observed.views[observed.start_view]
-    at = view.surface & np.isin(view.cluster, solver.start_sheet)
-    true = truth[observed.start_view]
-    rows, cols = np.nonzero(at)
+def side_shown_first(found: Segmentation, truth: Truth) -> tuple[int, bool]:
+    """Return panel and face of what is of interest in the start view, unaided."""
+    number = found.observed.start_view
+    view, true = found.observed.views[number], truth[number]
+    rows, cols = np.nonzero(view.surface & (shown(found.observed, found.side, number) == OF_INTEREST))
     rows, cols = rows + view.offset_rc[0], cols + view.offset_rc[1]
     code = true.panel[rows, cols] * 2 + true.outer_face[rows, cols]
     code = code[true.panel[rows, cols] > 0]
@@ -231,7 +230,7 @@ def measured(source: str, strokes: int = STROKES, other: bool = False) -> tuple[
     solver = side_solver(recording)
     found, observed = solver.solve(()), solver.observed
     prepare = time.perf_counter() - began, time.process_time() - cpu
-    first = seen_truth(observed, truth, *side_shown_first(observed, solver, truth))
+    first = seen_truth(observed, truth, *side_shown_first(found, truth))
     true = seen_truth(observed, truth, *wanted(truth, other))
     unaided = scored(found, first)
     scores, decisions, seconds = [scored(found, true)], list[Decision](), list[float]()

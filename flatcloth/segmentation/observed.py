@@ -35,7 +35,6 @@ from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
 from flatcloth.segmentation.inner import inner_faces
 from flatcloth.segmentation.item import CutOff, checked, find_item
-from flatcloth.segmentation.partition import divided
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
 from flatcloth.segmentation.settings import SegmentationConfig
 
@@ -161,7 +160,7 @@ def gather_evidence(
     with ThreadPoolExecutor(THREADS) as pool:
         links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
         graph = signed_graph(clusters, links, settings)
-        inner = pool.submit(inner_faces, clusters, graph, mean[:, 0], settings, noisy=noisy)
+        inner = None if noisy else pool.submit(inner_faces, clusters, graph, mean[:, 0], settings)
         masks = ((item.masks[n], item.outlined[n]) for n in (at[view.view_index] for view in seen))
         views = {
             view.view_index: view
@@ -174,7 +173,7 @@ def gather_evidence(
         clusters=clusters,
         graph=graph,
         color=mean,
-        inner=inner.result(),
+        inner=np.full(clusters.count, -1) if inner is None else inner.result(),
         cut_off=item.cut_off,
         noisy=noisy,
         config=settings,
@@ -322,33 +321,3 @@ def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationCon
     taken = item & (label < 0) & alike
     result[taken] = label.ravel()[source[taken]]
     return result
-
-
-def start_sheet(observed: Evidence) -> Int64:
-    """Return the clusters in the middle of the largest well-seen sheet of the start view."""
-    number = observed.start_view
-    view = observed.views[number]
-    g = observed.graph
-    side, _ = divided(g.count, g.first, g.second, g.weight)
-    shown = np.zeros(observed.clusters.count)
-    at = view.surface
-    np.add.at(shown, view.cluster[at], view.area_m2[at])
-    # Normals that differ from the direction of view by no more than those of one side may.
-    toward = -(observed.clusters.normal @ view.object_from_camera.rotation[:, 2])
-    least_cos = observed.config.alike_cos
-    good = (shown > 0) & (toward > least_cos) & (observed.clusters.facing > least_cos) & (observed.inner < 0)
-    if not good.any():
-        good = shown > 0
-    if not good.any():
-        raise SegmentationError(f"View {number}: no surface of the item is seen well enough to begin with.")
-    joined = (g.weight > 0) & good[g.first] & good[g.second] & (side[g.first] == side[g.second])
-    label = g.components(joined)
-    sheet = good & (label == np.bincount(label[good], shown[good]).argmax())
-    # Only its middle: the evidence may be wrong near the rim of the sheet.
-    inside = np.zeros(view.cluster.shape, dtype=np.uint8)
-    inside[at] = sheet[view.cluster[at]]
-    depth = cv2.distanceTransform(np.pad(inside, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    row, col = np.unravel_index(int(depth.argmax()), depth.shape)
-    rows, cols = np.nonzero(inside)
-    near = np.hypot(rows - row, cols - col) <= 0.5 * depth[row, col]
-    return np.unique(view.cluster[rows[near], cols[near]]).astype(np.int64)

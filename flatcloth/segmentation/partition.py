@@ -99,6 +99,7 @@ class Divisions:
         # One more node, the last one, stands for the color of a side.
         self._side, self._core = np.append(side, 1.0), np.append(part, part.max() + 1)
         self._cores = int(self._core[-1]) + 1
+        self._config, self._size = config, np.bincount(self._core[:-1], minlength=self._cores)
         first = np.append(graph.first, np.arange(graph.count))
         second = np.append(graph.second, np.full(graph.count, graph.count))
         weight = np.append(graph.weight, alike)
@@ -126,32 +127,40 @@ class Divisions:
 
         Parameters
         ----------
-        known : (M,) or (K, M) float64
-            The sides that are known, +1 or -1; 0 for others. In all divisions, or in each.
+        known : (M,) float64
+            The sides that are known, +1 or -1; 0 for others.
         before : (K, M) int8, optional
-            Divisions under fewer conditions. Those that agree with what is known now are kept.
+            Divisions under fewer conditions. Those that agree with what is known now are kept. In others the
+            cloth about which all were sure tends to stay: as much as disturbances are alike over by one link.
         """
 
         def division(k: int) -> Int8:
-            own = known if known.ndim == 1 else known[k]
-            held = self._of_cores(own)
-            if before is not None and not (self._of_cores(before[k]) * held < 0.0).any():
-                kept: Int8 = before[k]
-                return kept
+            pull = _KNOWN * held
+            if before is not None:
+                earlier = self._of_cores(before[k])
+                if not (earlier * held < 0.0).any():
+                    kept: Int8 = before[k]
+                    return kept
+                pull = np.where(held == 0.0, area * earlier, pull)
             weight = np.bincount(self._pair, self._weight * self._factors[k], len(self._first))
-            at, last = np.flatnonzero(held), self._cores  # one more node stands for side +1
+            at, last = np.flatnonzero(pull), self._cores  # one more node stands for side +1
             side, part = divided(
                 last + 1,
                 np.concatenate([self._first, at]),
                 np.concatenate([self._second, np.full(len(at), last)]),
-                np.concatenate([weight, _KNOWN * held[at]]),
+                np.concatenate([weight, pull[at]]),
             )
             root = np.unique(part, return_index=True)[1]
             root[part[-1]] = last
             side *= side[root[part]] * np.where((part != part[-1]) & (k % 2 == 1), -1.0, 1.0)
-            found: Int8 = np.where(own != 0.0, own, (side[self._core] * self._side)[:-1]).astype(np.int8)
+            found: Int8 = np.where(known != 0.0, known, (side[self._core] * self._side)[:-1]).astype(np.int8)
             return found
 
+        held = self._of_cores(known)
+        if before is not None:
+            mean = np.bincount(self._core[:-1], before.mean(axis=0) * self._side[:-1], self._cores)
+            sure = np.abs(mean) > (2.0 * self._config.sure - 1.0) * self._size
+            area = sure * self._size * (self._config.cluster_m / self._config.disturbance_m) ** 2
         with ThreadPoolExecutor(THREADS) as pool:
             return np.stack(list(pool.map(division, range(len(self._factors)))))
 

@@ -13,7 +13,7 @@ from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.brushes import beyond, under
 from flatcloth.segmentation.color import alike_in_color
 from flatcloth.segmentation.item import LEAST_AREA_M2
-from flatcloth.segmentation.observed import Evidence, start_sheet
+from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.partition import Divisions, Int8
 from flatcloth.segmentation.result import (
     OF_INTEREST,
@@ -32,7 +32,10 @@ class _State:
 
     ``said`` (M,) float64 is the side of each cluster under a stroke, 1 or -1; 0 elsewhere. ``holder`` (M,)
     is the decision that says so, -1 if none does. ``excluded`` (M,) is True where a cut removed it.
-    ``divisions`` (K, M) are the sides by the evidence; ``inner`` (K, F) is True where what looks like an
+    ``odds`` that the side of interest is the one that the start view shows most of; 0 once strokes have said
+    that it is the other.
+    ``divisions`` (K, M) are the sides by the evidence, ``turned`` (K,) is True where strokes turned over most
+    of the cloth nevertheless; ``inner`` (K, F) is True where what looks like an
     inner face is one, so that it is none of interest.
     """
 
@@ -40,7 +43,9 @@ class _State:
     holder: Int64
     excluded: Bool
     conflicts: tuple[str, ...]
+    odds: float
     divisions: Int8
+    turned: Bool
     inner: Bool
 
 
@@ -59,9 +64,12 @@ class SideSolver:
         self._divisions = Divisions(graph, clusters.place_m, observed.config, color)
         self._states: Cache[_State] = Cache(256, 256 << 20)
         self._results: Cache[Segmentation] = Cache(64, 64 << 20)
-        self.start_sheet = start_sheet(observed)
-        """Middle of the largest well-seen sheet of the start view: the side of interest without strokes."""
-        outer = np.isin(observed.inner, observed.inner[self.start_sheet])
+        view = observed.views[observed.start_view]
+        self._first_m2 = np.bincount(
+            view.cluster[view.surface], view.area_m2[view.surface], observed.clusters.count
+        )
+        """What the start view shows of each cluster (M,): without strokes, most of it is of interest."""
+        outer = observed.inner == observed.inner[self._first_m2.argmax()]
         self._face = np.unique(np.where(outer, -1, observed.inner), return_inverse=True)[1]
         """What looks like an inner face, by number (M,); 0 elsewhere."""
 
@@ -92,7 +100,7 @@ class SideSolver:
         """
         state = self._state(tuple(decisions))
         clusters, graph = self.observed.clusters, self.observed.graph
-        shown, weight = self._samples(state)
+        shown, weight = self._samples(state), self._weight(state)
         if not state.said.any():  # perhaps the operator wants the other side
             turned = np.where(state.inner[:, self._face], -1, -state.divisions)
             guess = self.observed.config.sure
@@ -134,7 +142,13 @@ class SideSolver:
     def _begin(self) -> _State:
         count, samples = self.observed.clusters.count, self.observed.config.samples
         begin = np.zeros(count)
-        begin[self.start_sheet] = 1.0
+        begin[self._first_m2.argmax()] = 1.0
+        divisions = self._divisions.sides(begin)
+        # Which side is which is one question for all samples: they agree about most of the cloth.
+        alike = (divisions * self.observed.clusters.area_m2) @ divisions.T.astype(np.float64)
+        divisions *= np.where(np.linalg.eigh(alike)[1][:, -1:] < 0.0, -1, 1).astype(np.int8)
+        if (divisions @ self._first_m2).sum() < 0.0:
+            divisions = -divisions
         # Each face is an inner one in half of the samples, whatever the others are.
         half = np.tile(np.arange(samples) % 2 == 0, (int(self._face.max()) + 1, 1))
         inner = np.random.default_rng(0).permuted(half, axis=1).T
@@ -144,7 +158,9 @@ class SideSolver:
             holder=np.full(count, -1, dtype=np.int64),
             excluded=np.zeros(count, dtype=np.bool_),
             conflicts=(),
-            divisions=self._divisions.sides(begin),
+            odds=self.observed.config.sure / (1.0 - self.observed.config.sure),
+            divisions=divisions,
+            turned=np.zeros(samples, dtype=np.bool_),
             inner=inner,
         )
 
@@ -161,30 +177,28 @@ class SideSolver:
         said[touched], holder[touched] = wanted, number
         inner[:, np.setdiff1d(self._face[touched], 0)] = wanted < 0
         return replace(
-            state,
+            self._agreeing(state, said, touched),
             said=said,
             holder=holder,
             inner=inner,
             conflicts=(*state.conflicts, *self._conflicts(state, touched, wanted, number)),
-            divisions=self._agreeing(state, said),
         )
 
-    def _agreeing(self, state: _State, said: Float64) -> Int8:
-        """Return divisions (K, M) that agree with what is said.
+    def _agreeing(self, state: _State, said: Float64, touched: Int64) -> _State:
+        """Return the state with divisions that agree with what is said.
 
-        The first stroke also says which side is of interest; later ones leave that as it is in each division.
+        If strokes contradict the evidence more surely than the start view shows the side of interest, it is
+        the other one.
         """
-        before, known = (np.where((self._face > 0) & (each < 0), 0.0, each) for each in (state.said, said))
-        turned = (state.divisions @ known < 0.0) & ~before.any()
-        divisions = np.where(turned[:, None], -state.divisions, state.divisions)
-        conditions = np.tile(known, (len(divisions), 1))
-        toward = np.sign(known[self.start_sheet].sum()) or self._toward(divisions)
-        conditions[:, self.start_sheet] += (known[self.start_sheet] == 0.0) * np.reshape(toward, (-1, 1))
-        return self._divisions.sides(conditions, divisions)
-
-    def _toward(self, divisions: Int8) -> Float64:
-        """Return on which side (K,) the sheet of the start view lies in each division, 1 or -1."""
-        return np.where(divisions[:, self.start_sheet].sum(axis=1) < 0, -1.0, 1.0)
+        known = np.where((self._face > 0) & (said < 0), 0.0, said)
+        begin, area = self._state(()), self.observed.clusters.area_m2
+        agreeing = float((known * self._mean(begin, begin.divisions))[touched].mean())
+        odds = state.odds * (1.0 + agreeing) / (1.0 - agreeing)
+        odds = odds if odds >= 1.0 else 0.0
+        evidence = begin.divisions if odds else -begin.divisions
+        before = evidence if not odds and state.odds else state.divisions
+        found = self._divisions.sides(known, before)
+        return replace(state, odds=odds, divisions=found, turned=(found * evidence) @ area < 0.0)
 
     def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[str]:
         against = touched[state.said[touched] == -wanted]
@@ -199,22 +213,29 @@ class SideSolver:
 
     # ---------------------------------------------------------------- results
 
-    def _samples(self, state: _State) -> tuple[Int8, Float64]:
-        """Return samples (K, M) of what is of interest, 1 or -1, and their probabilities (K,).
+    def _samples(self, state: _State) -> Int8:
+        """Return samples (K, M) of what is of interest, 1 or -1."""
+        return np.where(state.inner[:, self._face], -1, state.divisions).astype(np.int8)
 
-        The sheet of the start view is of interest as probably as what is called sure. Both sheets of a
-        garment are seen: the difference of their areas has a standard deviation of a quarter of the whole.
+    def _weight(self, state: _State) -> Float64:
+        """Return the probabilities (K,) of the samples.
+
+        Both sheets of a garment are seen: the difference of their areas has a standard deviation of a quarter
+        of the whole. That strokes turn over most of the cloth is as improbable as what is surely not so.
         """
-        shown = np.where(state.inner[:, self._face], -1, state.divisions).astype(np.int8)
         area, guess = self.observed.clusters.area_m2, self.observed.config.sure
-        difference = state.divisions @ area / area.sum()
-        weight = np.where(self._toward(state.divisions) > 0.0, guess, 1.0 - guess)
-        weight *= np.exp(-0.5 * np.square(4.0 * difference))
-        return shown, weight / weight.sum()
+        weight: Float64 = np.exp(-0.5 * np.square(4.0 * (state.divisions @ area / area.sum())))
+        weight *= np.where(state.turned, 1.0 - guess, guess)
+        weight /= weight.sum()
+        return weight
+
+    def _mean(self, state: _State, sides: Int8) -> Float64:
+        """Return the mean side (M,) of samples (K, M), as if one more had either side."""
+        mean: Float64 = self._weight(state) @ sides * len(sides) / (len(sides) + 1.0)
+        return mean
 
     def _probability(self, state: _State) -> Float64:
-        shown, weight = self._samples(state)
-        mean = weight @ shown * len(weight) / (len(weight) + 1.0)
+        mean = self._mean(state, self._samples(state))
         return np.where(state.excluded, 0.0, np.where(state.said != 0.0, state.said > 0.0, 0.5 + 0.5 * mean))
 
     def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:

@@ -2,7 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { byId, make, rebuild, showWords, swatch } from "../page/dom.js";
-import { degrees, hex, mm, number, vector } from "../page/format.js";
+import { degrees, mm, number, vector } from "../page/format.js";
 import { Picture } from "./picture.js";
 
 const BLINK_MS = 450;
@@ -186,4 +186,4 @@ function showBoth(/** @type {HoverAnswer | null} */ answer) {
 /** Mean absolute difference of red, green and blue. @param {PixelValues} a @param {PixelValues} b */
 const colorApart = (a, b) => a.rgb.reduce((sum, x, i) => sum + Math.abs(b.rgb[i] - x), 0) / 3;
 
-const coloured = (/** @type {PixelValues} */ { rgb }) => make("span.swatched", swatch(hex(rgb)), rgb.join(" "));
+const coloured = (/** @type {PixelValues} */ { rgb }) => make("span.swatched", swatch(`rgb(${rgb.join(" ")})`), rgb.join(" "));

@@ -32,23 +32,17 @@ export const keyName = (/** @type {string} */ key) =>
 export const tipOf = (/** @type {{ description: string; keys: string[] }} */ { description, keys }) =>
   `${description}\nKey: ${keys.slice(0, 2).map(keyName).join(" or ")}`;
 
-export const hex = (/** @type {number[]} */ rgb) => "#" + rgb.map((c) => c.toString(16).padStart(2, "0")).join("");
-
-/** The reverse: of a colour as #rrggbb. */
+/** Of a colour as #rrggbb. */
 export const rgbOf = (/** @type {string} */ color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
 
 /** The longest of 1, 2, 5 times a power of ten (mm) that is at most `limit_mm`. */
 export function niceLength(/** @type {number} */ limitMm) {
   const power = 10 ** Math.floor(Math.log10(limitMm));
-  for (const factor of [5, 2, 1]) if (factor * power <= limitMm) return factor * power;
-  return power;
+  return power * ([5, 2].find((factor) => factor * power <= limitMm) ?? 1);
 }
 
-export function length(/** @type {number} */ mm) {
-  if (mm >= 1000) return `${mm / 1000} m`;
-  if (mm >= 1) return `${mm} mm`;
-  return `${Number(mm.toPrecision(1))} mm`;
-}
+export const length = (/** @type {number} */ mm) =>
+  mm >= 1000 ? `${mm / 1000} m` : `${Number(mm.toPrecision(1))} mm`;
 
 /** The pieces that nothing connects to the shape yet, and their area. */
 export function floatingOf(/** @type {{ pieces: Piece[] }} */ layers) {

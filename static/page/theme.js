@@ -24,10 +24,6 @@ export class KeptSwitch {
   set on(on) {
     kept?.setItem(this.name, on ? "yes" : "no");
   }
-
-  toggle() {
-    this.on = !this.on;
-  }
 }
 
 const STORED = "flatcloth-theme";

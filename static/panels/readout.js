@@ -1,7 +1,7 @@
 // The values under the pointer, and the legend of the layer that is shown.
 
 import { byId, make, rebuild, setText, swatch } from "../page/dom.js";
-import { degrees, hex, number, vector } from "../page/format.js";
+import { degrees, number, vector } from "../page/format.js";
 
 /** @type {[string, string, (values: PixelValues) => string][]} */
 const READOUT = [
@@ -38,7 +38,7 @@ export class Readout {
     const values = answer?.shape ?? answer?.proposal ?? null;
     list.classList.toggle("of-proposal", Boolean(!answer?.shape && answer?.proposal));
     showReadout(READOUT.map(([name, about, text]) => [name, about, values ? text(values) : "–"]));
-    list.style.setProperty("--swatch", values ? hex(values.rgb) : "transparent");
+    list.style.setProperty("--swatch", values ? `rgb(${values.rgb.join(" ")})` : "transparent");
   }
 }
 

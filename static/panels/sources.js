@@ -222,7 +222,7 @@ export class SourcePanel extends PagePart {
   }
 
   toggle(/** @type {KeptSwitch} */ what) {
-    what.toggle();
+    what.on = !what.on;
     this.show();
   }
 

@@ -17,10 +17,12 @@ export const STATES = {
 export const ACCEPTED = ["accepted", "fixed"];
 export const DECIDED = [...ACCEPTED, "rejected", "skipped", "later"];
 const DRAG_PX = 5;
-const TOOLS = ["review", "result"];
+const TOOLS = ["play_views", "review", "result"];
+const PLAY_MS = 400; // a view; its image is there in less
 
 export class Timeline {
   name = "timeline";
+  actions = { play_views: () => this.play() };
 
   /** `choose(view)` is what a press on a view means. */
   constructor(/** @type {Page} */ page, /** @type {(view: ViewRow) => void} */ choose) {
@@ -31,6 +33,7 @@ export class Timeline {
     this.scrubbed = /** @type {number | null} */ (null); // view that the item was turned to
     this.from = /** @type {number | null} */ (null); // where the pointer went down
     this.dragged = this.listed = false;
+    this.timer = 0; // while the views are played
     this.row.addEventListener("pointerdown", (event) => (this.from = event.button === 0 ? event.clientX : null));
     this.row.addEventListener("pointermove", (event) => this.drag(event));
     this.row.addEventListener("click", (event) => this.dragged && taken(event), true);
@@ -51,7 +54,6 @@ export class Timeline {
   }
 
   cell(/** @type {ViewRow} */ view, /** @type {State} */ state) {
-    const [sign] = STATES[view.state];
     const about = `View ${view.index}, ${number(view.angle_deg, 0)}°: ${described(view, state)}`;
     const labelled = state.capture ? null : this.page.brush?.thumbsOf(view.index);
     const shown = (isFlattened(view) || labelled) && state.review && !this.listed;
@@ -67,7 +69,7 @@ export class Timeline {
         click: () => this.choose(view),
       },
       shown && make("span.pair", ...this.pictures(view, state, labelled)),
-      drawn("span.sign", view.flagged ? "⚑" : sign),
+      drawn("span.sign", view.flagged ? "⚑" : STATES[view.state][0]),
       shown && view.order && drawn("span.order", String(view.order)),
       shown && scoreBar(view.score, view.flagged),
       make(
@@ -116,14 +118,22 @@ export class Timeline {
 
   turnTo(/** @type {number} */ index) {
     if (this.scrubbed === index) return;
-    this.mark(index);
-    this.page.send({ type: "turn_to", view_index: index });
-  }
-
-  mark(/** @type {number} */ index) {
     this.row.querySelector(".scrubbed")?.classList.remove("scrubbed");
     this.row.children[index]?.classList.add("scrubbed");
     this.scrubbed = index;
+    this.page.send({ type: "turn_to", view_index: index });
+  }
+
+  get pressed() {
+    return { play_views: this.timer > 0 };
+  }
+
+  /** Turn the item once through all views; again: stop. */
+  play(left = this.timer ? 0 : this.cells.length) {
+    clearTimeout(this.timer);
+    this.timer = left && setTimeout(() => this.play(left - 1), PLAY_MS);
+    if (left) this.turnTo(((this.page.state?.present_view ?? 0) + 1) % this.cells.length);
+    this.page.changed();
   }
 }
 

@@ -2,7 +2,7 @@
 
 import { boxOf, boxOfPoints, pixelAt, union } from "../canvas/geometry.js";
 import { within } from "../page/dom.js";
-import { cm2, degrees, hex, mm, number, percent, rgbOf } from "../page/format.js";
+import { cm2, degrees, mm, number, percent, rgbOf } from "../page/format.js";
 import { columns, imageBox, rows, shareOf } from "./draw.js";
 import { between, lastOf, partsOf } from "./lesson.js";
 import { Plot } from "./plot.js";
@@ -125,7 +125,7 @@ const strainsOf = (/** @type {Course} */ { pairs, length }, /** @type {Numbers} 
 function strainColor(/** @type {Sheet} */ sheet, /** @type {number} */ strain) {
   const share = within(strain / STRAIN_SPAN, -1, 1);
   const end = rgbOf(share < 0 ? sheet.color.short : sheet.color.long);
-  return hex(rgbOf(sheet.color.even).map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c))));
+  return `rgb(${rgbOf(sheet.color.even).map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c))).join(" ")})`;
 }
 
 /** @param {Sheet} sheet @param {Rect} rect @param {Course} course @param {Float32Array} uv @param {Float32Array} strain */

@@ -71,8 +71,8 @@ def test_what_nothing_joins_to_what_is_known_has_either_side_until_a_stroke_lies
     before = sides(divisions, 2 * one.size, this=one[5, 5:10])
     assert (before[:, two.ravel()].mean(axis=0) == 0).all()
     assert (np.abs(before[:, two.ravel()].mean(axis=1)) == 1).all()  # it is one piece in each division
-    known = np.zeros(before.shape)
-    known[:, one[5, 5:10]], known[:, two[3, 3:6]] = 1.0, 1.0
+    known = np.zeros(2 * one.size)
+    known[one[5, 5:10]], known[two[3, 3:6]] = 1.0, 1.0
     after = divisions.sides(known, before)
     assert (after == 1).all()
 
