@@ -1,9 +1,9 @@
 """Inner faces, seen through an opening: a single layer of cloth, whose other face is the outer face.
 
 Both an inner face and the side of interest have an outer face at their back. But the two faces of one layer
-are half as far apart as the outer faces of two layers, and inside of a garment it is dark. Either alone is
-wrong too often: thin folds are in the light, and prints and folds are dark. A sensor as noisy as cloth is
-thick does not tell one layer from two.
+are half as far apart as the outer faces of two layers (with a noisy sensor a single thickness errs by as
+much, its average along the surface does not), and inside of a garment it is dark. Either alone is wrong too
+often: thin folds are in the light, and prints and folds are dark.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _AROUND = 12
 
 
 def inner_faces(
-    clusters: Clusters, graph: SignedGraph, lightness: Float64, config: SegmentationConfig
+    clusters: Clusters, graph: SignedGraph, lightness: Float64, config: SegmentationConfig, *, noisy: bool
 ) -> Int64:
     """Return for clusters (M,) that probably lie on an inner face the number of the face; -1 elsewhere.
 
@@ -41,6 +41,8 @@ def inner_faces(
         CIE L* of the clusters.
     config : SegmentationConfig
         Sizes.
+    noisy : bool
+        Whether most views have a sensor's noise.
     """
     a, b, depth_m, sure = back_to_back(clusters, config.near_m, config)
     ends = np.append(a, b)
@@ -49,9 +51,10 @@ def inner_faces(
     two_layers_m = float(np.percentile(thickness_m[weight > 0.0], _TWO_LAYERS)) if weight.any() else 0.0
     if two_layers_m < NOISELESS_STD_M:  # one layer: a towel
         return np.full(clusters.count, -1)
-    light_around = averaged(graph, lightness[:, None], _AROUND)[:, 0]
-    inner: Bool = (weight > 0.0) & (thickness_m < _ONE_LAYER * two_layers_m)
-    inner &= light_around < np.median(light_around)
+    thin = np.clip(1.0 - thickness_m / (_ONE_LAYER * two_layers_m), -1.0, 1.0)
+    values = np.stack([thin * weight / (weight + 1.0), lightness], axis=1)
+    thin_around, light_around = averaged(graph, values, _AROUND).T
+    inner: Bool = ((thin_around if noisy else values[:, 0]) > 0.0) & (light_around < np.median(light_around))
     face = graph.components((graph.weight > 0) & inner[graph.first] & inner[graph.second])
     inner &= np.bincount(face)[face] >= config.least_region
     return np.where(inner, face, -1).astype(np.int64)

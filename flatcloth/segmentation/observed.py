@@ -160,7 +160,7 @@ def gather_evidence(
     with ThreadPoolExecutor(THREADS) as pool:
         links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
         graph = signed_graph(clusters, links, settings)
-        inner = None if noisy else pool.submit(inner_faces, clusters, graph, mean[:, 0], settings)
+        inner = pool.submit(inner_faces, clusters, graph, mean[:, 0], settings, noisy=noisy)
         masks = ((item.masks[n], item.outlined[n]) for n in (at[view.view_index] for view in seen))
         views = {
             view.view_index: view
@@ -173,7 +173,7 @@ def gather_evidence(
         clusters=clusters,
         graph=graph,
         color=mean,
-        inner=np.full(clusters.count, -1) if inner is None else inner.result(),
+        inner=inner.result(),
         cut_off=item.cut_off,
         noisy=noisy,
         config=settings,

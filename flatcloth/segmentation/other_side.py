@@ -3,8 +3,8 @@
 What is not of interest is the other side, an inner face seen through an opening, or a rim of the side of
 interest that its masks leave out. Neighbours lie on one side, but not over the border of a mask, where this
 side ends; layers back to back lie on opposite ones. So the outer face of the other side and the inner face
-behind this side are opposite to this side, and the rest is like it. An inner face is left out, as is what
-most divisions place on this side, or nowhere.
+behind this side are opposite to this side, and the rest is like it. An inner face is left out (but not with
+noise, where as much outer cloth looks like one), as is what most divisions place on this side, or nowhere.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def other_side(observed: Evidence, mask_of: Callable[[int], Bool]) -> Segmentati
     """
     given = _share_in_masks(observed, mask_of) > 0.5
     certainty = _opposite_share(observed, given)
-    is_other = ~given & (observed.inner < 0) & (certainty > 0.5) & given.any()
+    is_other = ~given & (observed.noisy | (observed.inner < 0)) & (certainty > 0.5) & given.any()
     return Segmentation(
         observed=observed,
         decisions=(),

@@ -32,20 +32,17 @@ class _State:
 
     ``said`` (M,) float64 is the side of each cluster under a stroke, 1 or -1; 0 elsewhere. ``holder`` (M,)
     is the decision that says so, -1 if none does. ``excluded`` (M,) is True where a cut removed it.
-    ``odds`` that the side of interest is the one that the start view shows most of; 0 once strokes have said
-    that it is the other.
-    ``divisions`` (K, M) are the sides by the evidence, ``turned`` (K,) is True where strokes turned over most
-    of the cloth nevertheless; ``inner`` (K, F) is True where what looks like an
-    inner face is one, so that it is none of interest.
+    ``divisions`` (K, M) are the sides by the evidence, ``prior`` (K,) their odds, lower where strokes turned
+    over most of the cloth; ``inner`` (K, F) is True where what looks like an inner face is one, so that it is
+    none of interest.
     """
 
     said: Float64
     holder: Int64
     excluded: Bool
     conflicts: tuple[str, ...]
-    odds: float
     divisions: Int8
-    turned: Bool
+    prior: Float64
     inner: Bool
 
 
@@ -100,7 +97,7 @@ class SideSolver:
         """
         state = self._state(tuple(decisions))
         clusters, graph = self.observed.clusters, self.observed.graph
-        shown, weight = self._samples(state), self._weight(state)
+        shown, weight = self._samples(state)
         if not state.said.any():  # perhaps the operator wants the other side
             turned = np.where(state.inner[:, self._face], -1, -state.divisions)
             guess = self.observed.config.sure
@@ -144,8 +141,8 @@ class SideSolver:
         begin = np.zeros(count)
         begin[self._first_m2.argmax()] = 1.0
         divisions = self._divisions.sides(begin)
-        # Which side is which is one question for all samples: they agree about most of the cloth.
-        alike = (divisions * self.observed.clusters.area_m2) @ divisions.T.astype(np.float64)
+        # Which side is which is one question for all samples: they agree about most of what is shown.
+        alike = (divisions * self._first_m2) @ divisions.T.astype(np.float64)
         divisions *= np.where(np.linalg.eigh(alike)[1][:, -1:] < 0.0, -1, 1).astype(np.int8)
         if (divisions @ self._first_m2).sum() < 0.0:
             divisions = -divisions
@@ -158,9 +155,8 @@ class SideSolver:
             holder=np.full(count, -1, dtype=np.int64),
             excluded=np.zeros(count, dtype=np.bool_),
             conflicts=(),
-            odds=self.observed.config.sure / (1.0 - self.observed.config.sure),
             divisions=divisions,
-            turned=np.zeros(samples, dtype=np.bool_),
+            prior=np.ones(samples),
             inner=inner,
         )
 
@@ -177,28 +173,27 @@ class SideSolver:
         said[touched], holder[touched] = wanted, number
         inner[:, np.setdiff1d(self._face[touched], 0)] = wanted < 0
         return replace(
-            self._agreeing(state, said, touched),
+            self._agreeing(state, said),
             said=said,
             holder=holder,
             inner=inner,
             conflicts=(*state.conflicts, *self._conflicts(state, touched, wanted, number)),
         )
 
-    def _agreeing(self, state: _State, said: Float64, touched: Int64) -> _State:
+    def _agreeing(self, state: _State, said: Float64) -> _State:
         """Return the state with divisions that agree with what is said.
 
-        If strokes contradict the evidence more surely than the start view shows the side of interest, it is
-        the other one.
+        The first stroke also says which side is of interest: divisions that contradict it are turned over. That
+        it is not what the start view shows most of, or that a later stroke turns over most of the cloth, is as
+        improbable as what is surely not so.
         """
-        known = np.where((self._face > 0) & (said < 0), 0.0, said)
-        begin, area = self._state(()), self.observed.clusters.area_m2
-        agreeing = float((known * self._mean(begin, begin.divisions))[touched].mean())
-        odds = state.odds * (1.0 + agreeing) / (1.0 - agreeing)
-        odds = odds if odds >= 1.0 else 0.0
-        evidence = begin.divisions if odds else -begin.divisions
-        before = evidence if not odds and state.odds else state.divisions
-        found = self._divisions.sides(known, before)
-        return replace(state, odds=odds, divisions=found, turned=(found * evidence) @ area < 0.0)
+        before, known = (np.where((self._face > 0) & (each < 0), 0.0, each) for each in (state.said, said))
+        other = (state.divisions @ known < 0.0) & ~before.any()
+        divisions = np.where(other[:, None], -state.divisions, state.divisions)
+        found = self._divisions.sides(known, divisions)
+        turned = other | ((found * divisions) @ self.observed.clusters.area_m2 < 0.0)
+        guess = self.observed.config.sure
+        return replace(state, divisions=found, prior=state.prior * np.where(turned, 1.0 - guess, guess))
 
     def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[str]:
         against = touched[state.said[touched] == -wanted]
@@ -213,29 +208,21 @@ class SideSolver:
 
     # ---------------------------------------------------------------- results
 
-    def _samples(self, state: _State) -> Int8:
-        """Return samples (K, M) of what is of interest, 1 or -1."""
-        return np.where(state.inner[:, self._face], -1, state.divisions).astype(np.int8)
-
-    def _weight(self, state: _State) -> Float64:
-        """Return the probabilities (K,) of the samples.
+    def _samples(self, state: _State) -> tuple[Int8, Float64]:
+        """Return samples (K, M) of what is of interest, 1 or -1, and their probabilities (K,).
 
         Both sheets of a garment are seen: the difference of their areas has a standard deviation of a quarter
-        of the whole. That strokes turn over most of the cloth is as improbable as what is surely not so.
+        of the whole.
         """
-        area, guess = self.observed.clusters.area_m2, self.observed.config.sure
-        weight: Float64 = np.exp(-0.5 * np.square(4.0 * (state.divisions @ area / area.sum())))
-        weight *= np.where(state.turned, 1.0 - guess, guess)
-        weight /= weight.sum()
-        return weight
-
-    def _mean(self, state: _State, sides: Int8) -> Float64:
-        """Return the mean side (M,) of samples (K, M), as if one more had either side."""
-        mean: Float64 = self._weight(state) @ sides * len(sides) / (len(sides) + 1.0)
-        return mean
+        shown = np.where(state.inner[:, self._face], -1, state.divisions).astype(np.int8)
+        area = self.observed.clusters.area_m2
+        difference = state.divisions @ area / area.sum()
+        weight = state.prior * np.exp(-0.5 * np.square(4.0 * difference))
+        return shown, weight / weight.sum()
 
     def _probability(self, state: _State) -> Float64:
-        mean = self._mean(state, self._samples(state))
+        shown, weight = self._samples(state)
+        mean = weight @ shown * len(weight) / (len(weight) + 1.0)
         return np.where(state.excluded, 0.0, np.where(state.said != 0.0, state.said > 0.0, 0.5 + 0.5 * mean))
 
     def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:
