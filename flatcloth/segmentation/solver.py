@@ -183,9 +183,9 @@ class SideSolver:
     def _agreeing(self, state: _State, said: Float64) -> _State:
         """Return the state with divisions that agree with what is said.
 
-        The first stroke also says which side is of interest: divisions that contradict it are turned over. That
-        it is not what the start view shows most of, or that a later stroke turns over most of the cloth, is as
-        improbable as what is surely not so.
+        The first stroke also says which side is of interest: divisions that contradict it are turned over.
+        That it is not what the start view shows most of, or that a later stroke turns over most of the cloth,
+        is as improbable as what is surely not so.
         """
         before, known = (np.where((self._face > 0) & (each < 0), 0.0, each) for each in (state.said, said))
         other = (state.divisions @ known < 0.0) & ~before.any()
