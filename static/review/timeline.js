@@ -132,7 +132,7 @@ export class Timeline {
   play(left = this.timer ? 0 : this.cells.length) {
     clearTimeout(this.timer);
     this.timer = left && setTimeout(() => this.play(left - 1), PLAY_MS);
-    if (left) this.turnTo(((this.page.state?.present_view ?? 0) + 1) % this.cells.length);
+    if (left) this.turnTo(((this.scrubbed ?? this.page.state?.present_view ?? 0) + 1) % this.cells.length);
     this.page.changed();
   }
 }
