@@ -186,4 +186,4 @@ function showBoth(/** @type {HoverAnswer | null} */ answer) {
 /** Mean absolute difference of red, green and blue. @param {PixelValues} a @param {PixelValues} b */
 const colorApart = (a, b) => a.rgb.reduce((sum, x, i) => sum + Math.abs(b.rgb[i] - x), 0) / 3;
 
-const coloured = (/** @type {PixelValues} */ { rgb }) => make("span.swatched", swatch(`rgb(${rgb.join(" ")})`), rgb.join(" "));
+const coloured = (/** @type {PixelValues} */ { rgb }) => make("span.swatched", swatch(`rgb(${rgb})`), rgb.join(" "));

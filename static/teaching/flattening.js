@@ -125,7 +125,7 @@ const strainsOf = (/** @type {Course} */ { pairs, length }, /** @type {Numbers} 
 function strainColor(/** @type {Sheet} */ sheet, /** @type {number} */ strain) {
   const share = within(strain / STRAIN_SPAN, -1, 1);
   const end = rgbOf(share < 0 ? sheet.color.short : sheet.color.long);
-  return `rgb(${rgbOf(sheet.color.even).map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c))).join(" ")})`;
+  return `rgb(${rgbOf(sheet.color.even).map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c)))})`;
 }
 
 /** @param {Sheet} sheet @param {Rect} rect @param {Course} course @param {Float32Array} uv @param {Float32Array} strain */
