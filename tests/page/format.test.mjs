@@ -32,9 +32,6 @@ test("keys are named as they are printed", () => {
   for (const [key, name] of Object.entries(names)) assert.equal(keyName(key), name);
 });
 
-test("a color is two digits a channel", () => {
-});
-
 test("the scale's length is the longest of 1, 2, 5 times a power of ten that fits", () => {
   for (const [limit, nice] of [
     [1, 1],
