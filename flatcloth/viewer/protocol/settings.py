@@ -133,6 +133,6 @@ class SettingsStore:
         try:
             if kept.pop("format", None) != FORMAT:
                 raise FlatclothError(f"its format is not {FORMAT}")
-            return self._with(kept, self.defaults)
+            return self._with({k: v for k, v in kept.items() if hasattr(self.defaults, k)}, self.defaults)
         except FlatclothError as error:
             raise FlatclothError(f"{path}: damaged ({error}). {_REMEDY}") from error
