@@ -130,8 +130,8 @@ class Divisions:
         known : (M,) float64
             The sides that are known, +1 or -1; 0 for others.
         before : (K, M) int8, optional
-            Divisions under fewer conditions. Those that agree with what is known now are kept. In others the
-            cloth about which all were sure tends to stay: as much as disturbances are alike over by one link.
+            Divisions under fewer conditions. Those that agree with what is known now are kept. In the others,
+            cloth whose side was sure tends to stay: the area of one disturbance weighs as much as one link.
         """
 
         def division(k: int) -> Int8:
