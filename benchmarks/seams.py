@@ -26,6 +26,7 @@ from flatcloth.engine.garment import GarmentService, one_side
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
 from flatcloth.methods.robust.seams.configuration import Configuration, configured
+from flatcloth.methods.robust.seams.rims import rim_of
 
 _HELD = 0.05  # weight that draws the coefficients to 0: hardly
 
@@ -47,14 +48,13 @@ def rows_of(source: str) -> list[Row]:
     sides = one_side(integration, document), one_side(other, its)
     pieces = [(each.canonical.view, *each.canonical.floating) for each in sides]
     truths: list[Truth] = [truth, OtherTruth(truth, len(integration.recording))]
-    matches = seam_links.matches_of(*pieces)
+    ends = sides[0].ends, sides[1].ends
+    matches = seam_links.matches_of(*map(rim_of, pieces, ends))
     places = matches.this_uv_m, matches.other_uv_m
     true = [_true_at(*each) for each in zip(pieces, truths, places, strict=True)]
     off_m = np.linalg.norm(true[0] - true[1] * MIRROR, axis=1)
     sets = seam_links.sets_of(*shapes, matches)
-    ends = sides[0].ends, sides[1].ends
     decided = seam_links.linked(*shapes, matches, sets, ends)[2]
-    cloth = [seam_links.Cloth(shape) for shape in shapes]
     node = [seam_links.node_at(*each) for each in zip(shapes, places, strict=True)]
     name, rows = integration.recording.name, []
     for pieces_of in sorted({(each.this_piece, each.other_piece) for each in sets}):
@@ -71,14 +71,11 @@ def rows_of(source: str) -> list[Row]:
                 "true_share": None if share is None else round(share, 2),
             })  # fmt: skip
         for one, two in combinations(range(len(own)), 2):
-            ends_of = [sets[own[one]].members, sets[own[two]].members]
-            if not seam_links.agree(matches, sets[own[one]], sets[own[two]]):
-                joints = [
-                    seam_links.joint_between(k, cloth[k], *(node[k][each] for each in ends_of))
-                    for k in (0, 1)
-                ]
-                evidence = [round(j.evidence, 1) if math.isfinite(j.evidence) else None for j in joints]
-                row["between"].append([one, two, *evidence])
+            links = sets[own[one]], sets[own[two]]
+            if not seam_links.agree(matches, *links):
+                joints = [seam_links.joint_between(k, shapes[k], node[k], matches, *links) for k in (0, 1)]
+                known = [(round(j.evidence, 1), round(j.overlap, 3)) for j in joints if j.evidence < math.inf]
+                row["between"].append([one, two, known])
         rows.append(row)
     return rows
 
@@ -105,28 +102,28 @@ def _is_true(found: Row) -> bool | None:
 
 
 def _configured(row: Row, odds: Float64) -> Configuration:
-    """Return what all configurations of the sets of a row say, by the odds of a set and of cloth (4,)."""
+    """Return what all configurations of the sets of a row say, by the odds of a set and of cloth (5,)."""
     sets = np.array([(1.0, math.log(s["strength"]), math.log1p(s["against"])) for s in row["sets"]])
     false = {}
-    for one, two, *evidence in row["between"]:
-        joined = [expit(odds[3] - math.log1p(each)) for each in evidence if each is not None]
+    for one, two, known in row["between"]:
+        joined = [expit(odds[3] + odds[4] * overlap - math.log1p(evidence)) for evidence, overlap in known]
         false[one, two] = float(1.0 - np.prod(1.0 - np.array(joined)))
     return configured((sets @ odds[:3]).tolist(), false)
 
 
 def fitted(rows: Sequence[Row]) -> Float64:
-    """Return the odds (4,), those of a set and of cloth, by which the rows are most probably as they are."""
+    """Return the odds (5,), those of a set and of cloth, by which the rows are most probably as they are."""
     known = [[(k, t) for k, s in enumerate(row["sets"]) if (t := _is_true(s)) is not None] for row in rows]
 
     def loss(odds: Float64) -> float:
-        total = _HELD * float(np.square(odds[1:3]).sum())
+        total = _HELD * float(np.square(odds[[1, 2, 4]]).sum())
         for row, those in zip(rows, known, strict=True):
             found = _configured(row, odds)
             right = [found.all_true[:, k] == is_true for k, is_true in those]
             total -= math.log(float(found.chance[np.all(right, axis=0)].sum() if right else 1.0) + 1e-12)
         return total
 
-    found: Float64 = minimize(loss, np.array([-1.0, 1.5, -0.5, 0.0]), tol=1e-3).x
+    found: Float64 = minimize(loss, np.array([-1.0, 1.5, -0.5, 0.0, -1.0]), tol=1e-3).x
     return found
 
 
@@ -143,13 +140,13 @@ def page(rows: Sequence[Row]) -> str:
     p, y, now = np.array(told, dtype=np.float64).T
     y = y > 0.5
     sure, unlikely = p > 0.9, p < 0.1
-    constant, strength, against, joint = fitted(rows)
+    constant, strength, against, joint, overlap = fitted(rows)
     brier, brier_now = (float(np.mean((each - y) ** 2)) for each in (p, now))
     return f"""# Seams: sets of places, true and false
 
 {len(y)} sets of {len(rows)} pairs of pieces, {y.sum()} true. The odds that make them most probable: of a
 set {constant:.2f}, {strength:.2f}, {against:.2f} (constant, strength, true edges against), of false cloth
-{math.exp(joint):.2f} over 1 plus its evidence. For garments left out the Brier score is {brier:.3f}
-(by the constants in the source {brier_now:.3f}); of {sure.sum()} sets of .9 and more
+{joint:.2f}, {overlap:.2f} (constant, overlap) over 1 plus its evidence. For garments left out the Brier score
+is {brier:.3f} (by the constants in the source {brier_now:.3f}); of {sure.sum()} sets of .9 and more
 {y[sure].mean():.1%} are true, of {unlikely.sum()} of .1 and less {1 - y[unlikely].mean():.1%} are false.
 """

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, FlattenedView, Float64, LaidPiece
+from flatcloth.flattening.borders import border_of
 from flatcloth.methods.answers import Seam
 from flatcloth.methods.robust.seams.joining import JoinedSide, Seamed, join_sides, other_of, seams_of
 from flatcloth.session.garment import DecidedSeam
@@ -100,7 +101,7 @@ def joined(
         ]
         for shape, at, is_other in ((this, this_at, False), (other, other_at, True))
     )
-    return other_of(seamed(this, other, (one, two), ends or endless((one, two)), decided), laid)
+    return other_of(seamed(this, other, (one, two), ends or bordered((one, two)), decided), laid)
 
 
 def seamed(
@@ -136,7 +137,12 @@ class Known:
         return depth_m
 
 
-def endless(pieces: Sides[FlattenedView]) -> Sides[Known]:
-    """Return pieces whose edges nobody saw."""
-    one, two = ([Known(np.zeros((0, 2))) for _ in each] for each in pieces)
+def border_uv(piece: FlattenedView) -> Float64:
+    """Return the places (K, 2) of the border of a piece."""
+    return piece.uv_from_rc(border_of(piece.valid, SIZE_M).rc)
+
+
+def bordered(pieces: Sides[FlattenedView]) -> Sides[Known]:
+    """Return pieces that were seen to end at the whole of their border."""
+    one, two = ([Known(border_uv(piece)) for piece in each] for each in pieces)
     return one, two

@@ -14,7 +14,8 @@ from made_up_tube import (
     THIS,
     UV,
     Known,
-    endless,
+    border_uv,
+    bordered,
     in_space,
     joined,
     raster,
@@ -37,26 +38,37 @@ from flatcloth.shape.observations import Nodes
 from flatcloth.shape.pieces import LEAST_PIECE
 from flatcloth.shape.shape import PIECES_APART_M, Shape
 
+VIEWS = [raster(THIS, UV, is_other=False)], [raster(OTHER, UV, is_other=True)]
+
 
 def test_rims_of_both_sides_meet_along_the_whole_seam_at_equal_places() -> None:
-    own = rim_of([raster(THIS, UV, is_other=False)])
-    its = rim_of([raster(OTHER, UV, is_other=True)])
+    own, its = map(rim_of, VIEWS, bordered(VIEWS))
     a, b = meeting(own, its)
     assert a.size > 0.9 * len(own)
     assert np.linalg.norm(own.xyz_m[a, :2] - its.xyz_m[b, :2], axis=1).max() < 0.009
     assert set(own.view_index) == {1}
 
 
+def test_rims_meet_only_where_both_sheets_were_seen_to_end() -> None:
+    (own_ends,), (its_ends,) = bordered(VIEWS)
+    own = rim_of(VIEWS[0], [Known(own_ends.edge_uv_m[own_ends.edge_uv_m[:, 1] < 0.06])])
+    a, _ = meeting(own, rim_of(VIEWS[1], [its_ends]))
+    assert a.size > 20
+    assert own.uv_m[a, 1].max() < 0.08
+    its_ends.edge_trust[:] = 0.4  # hardly anybody saw it
+    assert not len(rim_of(VIEWS[1], [its_ends]))
+
+
 def test_cloth_that_lies_on_other_cloth_and_faces_the_same_way_has_no_seam_with_it() -> None:
-    own = rim_of([raster(THIS, UV, is_other=False)])
+    own = rim_of(VIEWS[0], bordered(VIEWS)[0])
     a, b = meeting(own, own)  # a copy of this side: the same rims, run in the same direction
     assert a.size == b.size == 0
 
 
 def test_a_side_without_cloth_meets_nothing() -> None:
-    view = raster(THIS, UV, is_other=False)
+    (view,), (ends,) = VIEWS[0], bordered(VIEWS)[0]
     empty = replace(view, valid=np.zeros_like(view.valid))
-    a, _ = meeting(rim_of([view]), rim_of([empty]))
+    a, _ = meeting(rim_of([view], [ends]), rim_of([empty], [ends]))
     assert a.size == 0
 
 
@@ -97,13 +109,13 @@ def falsely_joined(*, is_other: bool, strength: float) -> tuple[Shape, Flattened
 def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say() -> None:
     shape, flat, pattern = falsely_joined(is_other=True, strength=0.5)
     pieces = [raster(THIS, UV, is_other=False)], [flat]
-    found = other_of(join_sides(THIS, shape, pieces, endless(pieces)))
+    found = other_of(join_sides(THIS, shape, pieces, bordered(pieces)))
     placed = found.shape.placed
     assert placed.mean() > 0.9
     assert np.linalg.norm(found.shape.all_uv_m[placed] * MIRROR - pattern[placed], axis=1).max() < 0.006
 
 
-@pytest.mark.parametrize(("strength", "is_torn"), [(0.05, True), (50.0, False)])
+@pytest.mark.parametrize(("strength", "is_torn"), [(0.05, True), (200.0, False)])
 def test_a_false_link_of_this_side_is_told_by_the_seam_that_contradicts_it(
     strength: float, is_torn: bool
 ) -> None:
@@ -111,7 +123,7 @@ def test_a_false_link_of_this_side_is_told_by_the_seam_that_contradicts_it(
     shape, flat, _ = falsely_joined(is_other=False, strength=strength)
     believed = side(EVERYTHING, is_other=True, strength=40.0)
     pieces = [flat], [raster(believed, UV, is_other=True)]
-    found = join_sides(shape, believed, pieces, endless(pieces))
+    found = join_sides(shape, believed, pieces, bordered(pieces))
     told = [joint for joint in found.joints if joint.part.any()]
     assert any(joint.is_false for joint in told) == is_torn
     for joint in told:
@@ -164,7 +176,8 @@ def test_a_small_seam_that_lays_true_edges_on_the_other_sheet_joins_nothing_unle
     small = (UV[:, 0] < 7 * STEP_M) & (UV[:, 1] < 7 * STEP_M)
     other, at = side(small, is_other=True), UV[small]
     hem = UV.mean(axis=0) + np.stack([np.linspace(-0.05, 0.05, 1000), np.zeros(1000)], axis=1)
-    with_hem = [Known(np.zeros((0, 2)), half_m=0.1)], [Known(hem * MIRROR)]
+    own, its = border_uv(VIEWS[0][0]), border_uv(raster(other, at, is_other=True))
+    with_hem = [Known(own, half_m=0.1)], [Known(np.concatenate([its, hem * MIRROR]))]
     (seam,) = seams(joined(THIS, other, other_at=at, ends=with_hem))
     assert "true edges" in seam.why
     kept = joined(THIS, other, decided=(decision(seam, kept=True),), other_at=at, ends=with_hem)
@@ -172,8 +185,9 @@ def test_a_small_seam_that_lays_true_edges_on_the_other_sheet_joins_nothing_unle
     assert np.linalg.norm(kept.shape.all_uv_m * MIRROR - at, axis=1).max() < 0.004
     (seam,) = seams(joined(THIS, other, other_at=at))
     assert seam.why == ""
-    few, at_rim = hem[:2] * MIRROR, UV[COLUMN == 0] * MIRROR
+    few, at_rim = hem[:10] * MIRROR, UV[COLUMN == 0] * MIRROR
     for edges, lower in ((few, 0.02), (at_rim, 0.0)):
+        edges = np.concatenate([its, edges])
         (again,) = seams(joined(THIS, other, other_at=at, ends=(with_hem[0], [Known(edges)])))
         assert (seam.probability - again.probability > lower) == (lower > 0.0)
 
@@ -283,7 +297,7 @@ def test_a_piece_is_counted_as_it_is_drawn_where_smaller_ones_are_not() -> None:
     this = replace(side(seen, is_other=False), all_uv_m=own, piece=number)
     back = side(EVERYTHING, is_other=True, strength=200.0)
     pieces = [raster(this, at, n, is_other=False) for n in (0, 2)], [raster(back, UV, is_other=True)]
-    (laid,) = other_of(seamed(this, back, pieces, endless(pieces))).laid
+    (laid,) = other_of(seamed(this, back, pieces, bordered(pieces))).laid
     assert laid.index == 0
     there = laid.shape_from_piece.apply(own[number == 2])
     assert np.linalg.norm(there - at[number == 2], axis=1).max() < 0.006

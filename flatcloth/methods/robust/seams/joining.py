@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int32, Int64, LaidPiece
+from flatcloth.flattening.borders import SPACING_M
 from flatcloth.methods.answers import DoubtedJoint, Ends, OtherJoint, Seam
-from flatcloth.methods.robust.seams.decisions import CUT, with_decisions
 from flatcloth.methods.robust.seams.laying import Both, joined_pieces, laid_piece, nodes_on, with_laid
 from flatcloth.methods.robust.seams.links import (
     Matches,
@@ -28,6 +28,7 @@ from flatcloth.methods.robust.seams.links import (
     motion_onto,
     sets_of,
 )
+from flatcloth.methods.robust.seams.rims import rim_of
 from flatcloth.session.garment import DecidedSeam
 from flatcloth.shape.algorithm import LaidOut, laid_out
 from flatcloth.shape.deviations import deviations_m
@@ -39,6 +40,7 @@ from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 _SEAM_EVIDENCE = 0.1
 """Evidence of each pair at a seam. Chosen: all pairs of the smallest set have what joins two pieces."""
+CUT = "cut by the operator"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +105,8 @@ def join_sides(
     check : callable
         Called between the steps; what it raises ends them.
     """
-    matches = matches_of(*pieces)  # 1. where the rims of both sides meet in space (rims.py)
+    # 1. Where both sides truly end and their rims meet in space (rims.py).
+    matches = matches_of(*map(rim_of, pieces, ends))
     # 2. Sets that agree on one motion; the other side taken apart where they contradict it (links.py).
     sets = with_decisions(sets_of(this, other, matches), matches, decided)
     other, matches, links, joints = linked(this, other, matches, sets, ends)
@@ -195,6 +198,25 @@ def other_of(seamed: Seamed, laid: Sequence[LaidPiece] = ()) -> JoinedSide:
         is_related=is_related,
         laid=found,
     )
+
+
+def with_decisions(
+    links: Sequence[SeamLink], matches: Matches, decided: Sequence[DecidedSeam]
+) -> list[SeamLink]:
+    """Return the sets as they were decided: those cut join nothing, those kept come first.
+
+    The places of a decision are those of a set if at least half of them are within two spacings of it: the
+    shape may have changed since. Of several decisions about a set, the last one counts.
+    """
+    found = list(links)
+    trees = [cKDTree(matches.xyz_m[link.members]) for link in found]
+    for seam in decided if found else ():
+        off_m = np.array([tree.query(np.array(seam.points_m))[0] for tree in trees])
+        near = (off_m < 2 * SPACING_M).mean(axis=1)
+        best = int(near.argmax())
+        if near[best] >= 0.5:
+            found[best] = replace(found[best], is_kept=seam.kept, why="" if seam.kept else CUT)
+    return sorted(found, key=lambda link: not link.is_kept)
 
 
 def _posed(

@@ -13,15 +13,15 @@ from itertools import combinations
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.special import logit
+from scipy.special import expit, logit
 
 from flatcloth.core.geometry import fit_rigid2, refit_rigid2
 from flatcloth.core.graphs import cut_between
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int16, Int32, Int64, Rigid2
+from flatcloth.core.types import MIRROR, Bool, Float64, Int16, Int32, Int64, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.methods.answers import Ends
 from flatcloth.methods.robust.seams.configuration import MOST_SETS, configured
-from flatcloth.methods.robust.seams.rims import meeting, rim_of
+from flatcloth.methods.robust.seams.rims import Rim, meeting
 from flatcloth.segmentation.settings import SURE
 from flatcloth.shape.algorithm import as_decided
 from flatcloth.shape.graph import z_of
@@ -29,12 +29,13 @@ from flatcloth.shape.joints import DecidedParts, seen_often
 from flatcloth.shape.pieces import LEAST_PIECE
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
-_LOG_ODDS = (-1.18, 1.56, -0.69)
+_LOG_ODDS = (0.68, 1.83, -1.35)
 """Logarithm of the odds that a set is true: a constant, for each e-fold of its strength, and for each of one
 more than the true edges that it lays on the other sheet's cloth. Fitted, with the next, to what 225 pairs of
 pieces of 60 recordings truly are (``python -m benchmarks seams``)."""
-_FALSE_ODDS = 1.34
-"""Odds, over 1 plus its evidence, that cloth between two true sets joins falsely (benchmarks/seams.py)."""
+_FALSE_LOG_ODDS = (2.21, -1.49)
+"""Logarithm of the odds, over 1 plus its evidence, that cloth between two true sets joins falsely: a
+constant, and for the share of its smaller part that would lie on the rest (benchmarks/seams.py)."""
 _SURE_ODDS = logit(SURE)
 _WELL_SEEN = 0.75
 """Trust of a true edge that counts: more than three views faced it. By definition of the trust; fewer may
@@ -117,21 +118,21 @@ class SeamLink:
 class SideJoint:
     """Cloth of a ``side`` (0 this, 1 the other) that joins a ``part`` (N,) of the nodes of a ``piece``.
 
-    ``evidence`` joins it; ``false`` is the probability that it does so falsely, ``is_false`` whether it is
-    taken for false.
+    ``evidence`` joins it; if it does so falsely, this share of the smaller part would lie on the rest, the
+    ``overlap``; ``false`` is the probability of that, ``is_false`` whether it is taken for false.
     """
 
     side: int
     piece: int
     part: Bool
     evidence: float
+    overlap: float
     false: float
     is_false: bool = False
 
 
-def matches_of(this: Sequence[FlattenedView], other: Sequence[FlattenedView]) -> Matches:
-    """Return where the pieces of this side meet those of the other side."""
-    own, its = rim_of(this), rim_of(other)
+def matches_of(own: Rim, its: Rim) -> Matches:
+    """Return where the rim of this side meets that of the other side."""
     a, b = meeting(own, its)
     return Matches(
         this_uv_m=own.uv_m[a],
@@ -176,11 +177,10 @@ def linked(
     """
     links, joints = list(sets), list[SideJoint]()
     at = node_at(this, matches.this_uv_m), node_at(other, matches.other_uv_m)
-    cloth = Cloth(this), Cloth(other)
     found = [n for n, link in enumerate(links) if not link.why]
     for pieces in sorted({(links[n].this_piece, links[n].other_piece) for n in found}):
         own = [n for n in found if (links[n].this_piece, links[n].other_piece) == pieces]
-        decided, between = _decided(cloth, at, matches, [links[n] for n in own], ends)
+        decided, between = _decided((this, other), at, matches, [links[n] for n in own], ends)
         joints += between
         for n, link in zip(own, decided, strict=True):
             links[n] = link
@@ -195,7 +195,7 @@ def linked(
 
 
 def _decided(
-    cloth: tuple[Cloth, Cloth],
+    shapes: tuple[Shape, Shape],
     at: tuple[Int64, Int64],
     matches: Matches,
     links: Sequence[SeamLink],
@@ -204,9 +204,7 @@ def _decided(
     """Return the sets between two pieces as they are true or not, and the joints between those that are."""
     judged = [_log_odds(matches, link, ends) for link in links]
     between = {
-        (n, k): [
-            joint_between(side, cloth[side], *(at[side][links[x].members] for x in (n, k))) for side in (0, 1)
-        ]
+        (n, k): [joint_between(side, shapes[side], at[side], matches, links[n], links[k]) for side in (0, 1)]
         for n, k in combinations(range(len(links)), 2)
         if not agree(matches, links[n], links[k])
     }
@@ -240,35 +238,38 @@ def _log_odds(
     return alone, alone + _LOG_ODDS[2] * math.log1p(trust_against(matches, link, ends))
 
 
-class Cloth:
-    """What joins the nodes of a shape: pairs, the evidence of each, and that which is ``often`` seen.
+def joint_between(
+    side: int, shape: Shape, node: Int64, matches: Matches, one: SeamLink, other: SeamLink
+) -> SideJoint:
+    """Return the weakest joint of a side between two sets of a piece; its part has the nodes of the first.
 
-    Few views see a false pair, so cloth is cut where little is often seen.
-    """
-
-    def __init__(self, shape: Shape) -> None:
-        used = np.flatnonzero(shape.holds)
-        self.shape, self.pairs = shape, shape.graph.pairs[used]
-        self.evidence = shape.graph.evidence[used]
-        self.often = seen_often(self.evidence, shape.graph.views[used])
-
-
-def joint_between(side: int, cloth: Cloth, one: Int64, other: Int64) -> SideJoint:
-    """Return the weakest joint between some nodes of a piece and ``other`` ones; its part has the first.
-
+    Few views see a false pair, so cloth is cut where little is often seen; ``node`` (K,) is that of each
+    match. If the joint is false, the part lies where the other set has it: not on cloth of the same sheet.
     Where it would leave less than ``LEAST_PIECE`` nodes on a side there is none: it is never false.
     """
-    both = np.intersect1d(one, other)
-    piece = int(np.bincount(cloth.shape.piece[one] + 1).argmax()) - 1
-    one, other = np.setdiff1d(one, both), np.setdiff1d(other, both)
-    own, evidence = cloth.shape.piece == piece, np.inf
+    ends = node[one.members], node[other.members]
+    here, there = (np.setdiff1d(each, np.intersect1d(*ends)) for each in ends)
+    piece = (one.this_piece, one.other_piece)[side]
+    own, total, overlap = shape.piece == piece, np.inf, 0.0
     part = np.zeros(len(own), dtype=np.bool_)
-    if one.size and other.size:
-        part = cut_between(len(own), cloth.pairs, cloth.often, one, other)
-        if min((own & part).sum(), (own & ~part).sum()) >= LEAST_PIECE:
-            evidence = float(cloth.evidence[part[cloth.pairs[:, 0]] != part[cloth.pairs[:, 1]]].sum())
-    false = _FALSE_ODDS / (_FALSE_ODDS + 1.0 + evidence)
-    return SideJoint(side=side, piece=piece, part=part, evidence=evidence, false=false)
+    if here.size and there.size:
+        pairs, evidence = shape.graph.pairs[shape.holds], shape.graph.evidence[shape.holds]
+        often = seen_often(evidence, shape.graph.views[shape.holds])
+        part = cut_between(len(own), pairs, often, here, there)
+        motions = [matches.motion(link.members) for link in (one, other)]
+        first, then = (motions[0].inverse(), motions[1]) if side == 0 else (motions[0], motions[1].inverse())
+        uv = shape.all_uv_m * (MIRROR if side else 1.0)
+        moved, rest = (then @ first).apply(uv[own & part]), uv[own & ~part]
+        if min(len(moved), len(rest)) >= LEAST_PIECE:
+            total = float(evidence[part[pairs[:, 0]] != part[pairs[:, 1]]].sum())
+            overlap = max(_share_on(moved, rest), _share_on(rest, moved))
+    false = float(expit(_FALSE_LOG_ODDS[0] + _FALSE_LOG_ODDS[1] * overlap - math.log1p(total)))
+    return SideJoint(side=side, piece=piece, part=part, evidence=total, overlap=overlap, false=false)
+
+
+def _share_on(uv_m: Float64, cloth_uv_m: Float64) -> float:
+    """Return the share of nodes (K, 2) of the plane that lie on other cloth, given by its nodes (N, 2)."""
+    return float((cKDTree(cloth_uv_m).query(uv_m)[0] < LEAST_INTERVAL_M).mean())
 
 
 def trust_against(matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], Sequence[Ends]]) -> float:

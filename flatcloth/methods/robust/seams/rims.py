@@ -12,6 +12,8 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.types import FlattenedView, Float32, Float64, Int16, Int64
 from flatcloth.flattening.borders import SPACING_M, border_of, solid_cloth
+from flatcloth.flattening.sampling import LEAST_INTERVAL_M
+from flatcloth.methods.answers import Ends
 
 FARTHEST_M = 0.025
 """Rims this far apart may be one seam. Chosen: a D435 loses up to 10 mm of each rim."""
@@ -41,9 +43,13 @@ class Rim:
         return len(self.uv_m)
 
 
-def rim_of(pieces: Sequence[FlattenedView]) -> Rim:
-    """Return the rim of the pieces of one side, each at its place on the plane."""
-    rims = [_rim_of_piece(piece, number) for number, piece in enumerate(pieces)]
+def rim_of(pieces: Sequence[FlattenedView], ends: Sequence[Ends]) -> Rim:
+    """Return the rim of the pieces of one side, each at its place on the plane.
+
+    Only where the ``ends`` of each piece say that its cloth more probably ends than not: at a seam both
+    sheets do, while rims of what other cloth hides meet anywhere.
+    """
+    rims = [_rim_of_piece(*each, number) for number, each in enumerate(zip(pieces, ends, strict=True))]
     return Rim(**{f.name: np.concatenate([getattr(rim, f.name) for rim in rims]) for f in fields(Rim)})
 
 
@@ -76,8 +82,8 @@ def _nearest(xyz_m: Float64, along: Float64, to_xyz_m: Float64, to_along: Float6
     return nearest
 
 
-def _rim_of_piece(piece: FlattenedView, number: int) -> Rim:
-    """Return the rim of a piece; ``number`` is kept in the answer."""
+def _rim_of_piece(piece: FlattenedView, ends: Ends, number: int) -> Rim:
+    """Return the rim of a piece where its cloth ends; ``number`` is kept in the answer."""
     size = piece.pixel_size_m
     border = border_of(solid_cloth(piece, FARTHEST_M**2), size)
     rc, inward_rc = border.rc, -border.outward[:, ::-1]
@@ -96,8 +102,10 @@ def _rim_of_piece(piece: FlattenedView, number: int) -> Rim:
     outward = _unit(outward)
     # Elsewhere a fold or another layer lies between the two points.
     known = (np.abs(length - 1.0) < 0.5) & (_at(count, rc + 0.5 * step_px) > 0) & (normal != 0).any(axis=1)
+    uv, sure = piece.uv_from_rc(rc), ends.edge_uv_m[ends.edge_trust > 0.5]
+    known &= cKDTree(sure).query(uv)[0] < LEAST_INTERVAL_M
     return Rim(
-        uv_m=piece.uv_from_rc(rc)[known],
+        uv_m=uv[known],
         xyz_m=(at_rim + 0.5 * SPACING_M * outward)[known],
         along=np.cross(normal, outward)[known],
         view_index=_at(piece.view_index, rc + step_px)[known].astype(np.int16),
