@@ -20,6 +20,7 @@ from scipy.special import expit
 from benchmarks.inputs import measure_each
 from benchmarks.output import Options, Row, recordings_of, save_page
 from benchmarks.unattended import unattended
+from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, FlattenedView, Float64
 from flatcloth.engine.evaluation import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth, Truth, look_up
 from flatcloth.engine.garment import GarmentService, one_side
@@ -29,6 +30,7 @@ from flatcloth.methods.robust.seams.configuration import Configuration, configur
 from flatcloth.methods.robust.seams.rims import rim_of
 
 _HELD = 0.05  # weight that draws the coefficients to 0: hardly
+_MIXED = 0.3, 0.7  # a set with such a share of true places is neither true nor false
 
 
 def run(options: Options) -> None:
@@ -67,7 +69,6 @@ def rows_of(source: str) -> list[Row]:
                 "strength": round(sets[n].strength, 1),
                 "against": round(seam_links.trust_against(matches, sets[n], ends), 1),
                 "probability": round(decided[n].probability, 4),
-                "joins": not decided[n].why,
                 "true_share": None if share is None else round(share, 2),
             })  # fmt: skip
         for one, two in combinations(range(len(own)), 2):
@@ -75,7 +76,8 @@ def rows_of(source: str) -> list[Row]:
             if not seam_links.agree(matches, *links):
                 joints = [seam_links.joint_between(k, shapes[k], node[k], matches, *links) for k in (0, 1)]
                 known = [(round(j.evidence, 1), round(j.overlap, 3)) for j in joints if j.evidence < math.inf]
-                row["between"].append([one, two, known])
+                false = [_is_false(*each, *links) for each in zip(places, true, strict=True)]
+                row["between"].append([one, two, known, false if len(known) == 2 else []])
         rows.append(row)
     return rows
 
@@ -90,6 +92,17 @@ def _true_at(pieces: Sequence[FlattenedView], truth: Truth, uv_m: Float64) -> Fl
     return found
 
 
+def _is_false(uv_m: Float64, true_m: Float64, one: seam_links.SeamLink, other: seam_links.SeamLink) -> bool:
+    """Return whether cloth between two sets joins falsely, by the places (K, 2) of all matches."""
+    ends = [link.members[np.isfinite(true_m[link.members, 0])] for link in (one, other)]
+    off_m = [
+        np.linalg.norm(fit_rigid2(uv_m[a], true_m[a]).apply(uv_m[b]) - true_m[b], axis=1)
+        for a, b in (ends, ends[::-1])
+        if min(len(a), len(b)) > 2
+    ]
+    return bool(off_m and min(map(np.median, off_m)) > seam_links.MOST_DRIFT_M)
+
+
 def worst_first(rows: Sequence[Row]) -> list[Row]:
     """Return the rows by the surest false set."""
     false = [[-s["probability"] for s in row["sets"] if _is_true(s) is False] for row in rows]
@@ -98,16 +111,20 @@ def worst_first(rows: Sequence[Row]) -> list[Row]:
 
 def _is_true(found: Row) -> bool | None:
     share = found["true_share"]
-    return None if share is None else share >= 0.5
+    return None if share is None or _MIXED[0] < share < _MIXED[1] else share > _MIXED[0]
+
+
+def _false(known: Sequence[tuple[float, float]], odds: Float64) -> Float64:
+    """Return how probably cloth of each evidence and overlap joins falsely, by the odds (5,)."""
+    evidence, overlap = np.array(known, dtype=np.float64).reshape(-1, 2).T
+    return np.asarray(expit(odds[3] + odds[4] * overlap - np.log1p(evidence)))
 
 
 def _configured(row: Row, odds: Float64) -> Configuration:
     """Return what all configurations of the sets of a row say, by the odds of a set and of cloth (5,)."""
     sets = np.array([(1.0, math.log(s["strength"]), math.log1p(s["against"])) for s in row["sets"]])
-    false = {}
-    for one, two, known in row["between"]:
-        joined = [expit(odds[3] + odds[4] * overlap - math.log1p(evidence)) for evidence, overlap in known]
-        false[one, two] = float(1.0 - np.prod(1.0 - np.array(joined)))
+    between = row["between"]
+    false = {(one, two): float(1.0 - np.prod(1.0 - _false(known, odds))) for one, two, known, _ in between}
     return configured((sets @ odds[:3]).tolist(), false)
 
 
@@ -121,6 +138,10 @@ def fitted(rows: Sequence[Row]) -> Float64:
             found = _configured(row, odds)
             right = [found.all_true[:, k] == is_true for k, is_true in those]
             total -= math.log(float(found.chance[np.all(right, axis=0)].sum() if right else 1.0) + 1e-12)
+            for one, two, sides, false in row["between"]:
+                if any(false) and _is_true(row["sets"][one]) and _is_true(row["sets"][two]):
+                    q = _false(sides, odds)  # which of the joints it is, as one of them is
+                    total -= np.log(np.where(false, q, 1.0 - q)).sum() - math.log1p(-np.prod(1.0 - q))
         return total
 
     found: Float64 = minimize(loss, np.array([-1.0, 1.5, -0.5, 0.0, -1.0]), tol=1e-3).x

@@ -25,7 +25,7 @@ class Configuration:
 
     ``all_true`` (2^K, K) are all of them, ``chance`` (2^K,) their probabilities; ``probability`` (K,) that
     each set is true. ``needs`` the pairs of true sets that need a false joint in the most probable one,
-    ``false`` the probability of that joint for each pair.
+    ``false`` the probability that they do, for each pair.
     """
 
     true: Bool
@@ -68,8 +68,5 @@ def configured(log_odds: Sequence[float], false: Mapping[tuple[int, int], float]
         chance=chance,
         probability=chance @ true,
         needs=frozenset(pair for pair, needed in needs.items() if needed[best]),
-        false={
-            pair: float(chance @ np.where(needed, 1.0, false[pair] * ~true[:, pair].all(axis=1)))
-            for pair, needed in needs.items()
-        },
+        false={pair: float(chance @ needed) for pair, needed in needs.items()},
     )

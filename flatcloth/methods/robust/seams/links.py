@@ -25,7 +25,7 @@ from flatcloth.methods.robust.seams.rims import Rim, meeting
 from flatcloth.segmentation.settings import SURE
 from flatcloth.shape.algorithm import as_decided
 from flatcloth.shape.graph import z_of
-from flatcloth.shape.joints import DecidedParts, seen_often
+from flatcloth.shape.joints import NEGLIGIBLE, DecidedParts, seen_often
 from flatcloth.shape.pieces import LEAST_PIECE
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
@@ -216,13 +216,12 @@ def _decided(
         why = "" if found.true[n] else why
         decided[n] = replace(links[n], why=why, probability=float(found.probability[n]))
     for pair, both in between.items():
-        if not found.true[list(pair)].all():
-            continue
         worst = max(both, key=lambda each: each.false)
         for each in both:
             chance = min(1.0, each.false * found.false[pair] / max(false[pair], 1e-300))
             is_false = each is worst and pair in found.needs and (each.side == 1 or chance > SURE)
-            joints.append(replace(each, false=chance, is_false=is_false))
+            if chance > 0.5 * NEGLIGIBLE:
+                joints.append(replace(each, false=chance, is_false=is_false))
         if worst.side == 0 and pair in found.needs:
             decided[pair[1]] = replace(decided[pair[1]], why=_TEARS)
     return decided, joints
