@@ -62,20 +62,22 @@ def rows_of(source: str) -> list[Row]:
     for pieces_of in sorted({(each.this_piece, each.other_piece) for each in sets}):
         own = [n for n, each in enumerate(sets) if (each.this_piece, each.other_piece) == pieces_of]
         row: Row = {"recording": name, "sets": [], "between": []}
-        for n in own:
+        edges = [seam_links.edges_against(matches, sets[n], ends) for n in own]
+        for n, against in zip(own, edges, strict=True):
             known = np.isfinite(off_m[sets[n].members])
             share = float((off_m[sets[n].members][known] < FAR_RELATED_M).mean()) if known.any() else None
             row["sets"].append({
                 "strength": round(sets[n].strength, 1),
-                "against": round(seam_links.trust_against(matches, sets[n], ends), 1),
+                "against": round(float(against[2].sum()), 1),
                 "probability": round(decided[n].probability, 4),
                 "true_share": None if share is None else round(share, 2),
             })  # fmt: skip
         for one, two in combinations(range(len(own)), 2):
             links = sets[own[one]], sets[own[two]]
             if not seam_links.agree(matches, *links):
-                joints = [seam_links.joint_between(k, shapes[k], node[k], matches, *links) for k in (0, 1)]
-                known = [(round(j.evidence, 1), round(j.overlap, 3)) for j in joints if j.evidence < math.inf]
+                both = edges[one], edges[two]
+                joints = [seam_links.joint_between(k, shapes[k], node[k], links, both) for k in (0, 1)]
+                known = [(round(j.evidence, 1), round(j.relief, 3)) for j in joints if j.evidence < math.inf]
                 false = [_is_false(*each, *links) for each in zip(places, true, strict=True)]
                 row["between"].append([one, two, known, false if len(known) == 2 else []])
         rows.append(row)
@@ -115,9 +117,9 @@ def _is_true(found: Row) -> bool | None:
 
 
 def _false(known: Sequence[tuple[float, float]], odds: Float64) -> Float64:
-    """Return how probably cloth of each evidence and overlap joins falsely, by the odds (5,)."""
-    evidence, overlap = np.array(known, dtype=np.float64).reshape(-1, 2).T
-    return np.asarray(expit(odds[3] + odds[4] * overlap - np.log1p(evidence)))
+    """Return how probably cloth of each evidence and relief joins falsely, by the odds (5,)."""
+    evidence, relief = np.array(known, dtype=np.float64).reshape(-1, 2).T
+    return np.asarray(expit(odds[3] + odds[4] * relief - np.log1p(evidence)))
 
 
 def _configured(row: Row, odds: Float64) -> Configuration:
@@ -161,13 +163,13 @@ def page(rows: Sequence[Row]) -> str:
     p, y, now = np.array(told, dtype=np.float64).T
     y = y > 0.5
     sure, unlikely = p > 0.9, p < 0.1
-    constant, strength, against, joint, overlap = fitted(rows)
+    constant, strength, against, joint, relief = fitted(rows)
     brier, brier_now = (float(np.mean((each - y) ** 2)) for each in (p, now))
     return f"""# Seams: sets of places, true and false
 
 {len(y)} sets of {len(rows)} pairs of pieces, {y.sum()} true. The odds that make them most probable: of a
 set {constant:.2f}, {strength:.2f}, {against:.2f} (constant, strength, true edges against), of false cloth
-{joint:.2f}, {overlap:.2f} (constant, overlap) over 1 plus its evidence. For garments left out the Brier score
+{joint:.2f}, {relief:.2f} (constant, relief) over 1 plus its evidence. For garments left out the Brier score
 is {brier:.3f} (by the constants in the source {brier_now:.3f}); of {sure.sum()} sets of .9 and more
 {y[sure].mean():.1%} are true, of {unlikely.sum()} of .1 and less {1 - y[unlikely].mean():.1%} are false.
 """

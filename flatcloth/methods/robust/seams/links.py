@@ -29,13 +29,13 @@ from flatcloth.shape.joints import NEGLIGIBLE, DecidedParts, seen_often
 from flatcloth.shape.pieces import LEAST_PIECE
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
-_LOG_ODDS = (0.68, 1.83, -1.35)
+_LOG_ODDS = (1.17, 1.78, -1.51)
 """Logarithm of the odds that a set is true: a constant, for each e-fold of its strength, and for each of one
 more than the true edges that it lays on the other sheet's cloth. Fitted, with the next, to what 225 pairs of
 pieces of 60 recordings truly are (``python -m benchmarks seams``)."""
-_FALSE_LOG_ODDS = (2.21, -1.49)
+_FALSE_LOG_ODDS = (-0.48, 0.71)
 """Logarithm of the odds, over 1 plus its evidence, that cloth between two true sets joins falsely: a
-constant, and for the share of its smaller part that would lie on the rest (benchmarks/seams.py)."""
+constant, and for what it takes from the true edges against both (benchmarks/seams.py)."""
 _SURE_ODDS = logit(SURE)
 _WELL_SEEN = 0.75
 """Trust of a true edge that counts: more than three views faced it. By definition of the trust; fewer may
@@ -50,6 +50,8 @@ _PLACELESS = "the cloth of the other side there was cut off and has no place"
 MOST_DRIFT_M = 0.04
 """Sets that place a piece differently by more than this contradict each other; the drift of a layout is 5 to
 15 mm. Set by hand."""
+EdgesAgainst = tuple[Float64, Float64, Float64]
+"""True edges of one sheet that a set lays on the other: places (E, 2) on both planes, their trust (E,)."""
 _TRIES = 300
 """Motions tried for a set. Chosen: a set with a seventh of the matches is found in 99 of 100 cases."""
 _SEED_M = (0.03, 0.2)
@@ -118,15 +120,15 @@ class SeamLink:
 class SideJoint:
     """Cloth of a ``side`` (0 this, 1 the other) that joins a ``part`` (N,) of the nodes of a ``piece``.
 
-    ``evidence`` joins it; if it does so falsely, this share of the smaller part would lie on the rest, the
-    ``overlap``; ``false`` is the probability of that, ``is_false`` whether it is taken for false.
+    ``evidence`` joins it; ``relief`` is how much less speaks against the sets beyond it if it does so
+    falsely; ``false`` is the probability of that, ``is_false`` whether it is taken for false.
     """
 
     side: int
     piece: int
     part: Bool
     evidence: float
-    overlap: float
+    relief: float
     false: float
     is_false: bool = False
 
@@ -202,9 +204,13 @@ def _decided(
     ends: tuple[Sequence[Ends], Sequence[Ends]],
 ) -> tuple[list[SeamLink], list[SideJoint]]:
     """Return the sets between two pieces as they are true or not, and the joints between those that are."""
-    judged = [_log_odds(matches, link, ends) for link in links]
+    edges = [edges_against(matches, link, ends) for link in links]
+    judged = [_log_odds(*each) for each in zip(links, edges, strict=True)]
     between = {
-        (n, k): [joint_between(side, shapes[side], at[side], matches, links[n], links[k]) for side in (0, 1)]
+        (n, k): [
+            joint_between(side, shapes[side], at[side], (links[n], links[k]), (edges[n], edges[k]))
+            for side in (0, 1)
+        ]
         for n, k in combinations(range(len(links)), 2)
         if not agree(matches, links[n], links[k])
     }
@@ -227,52 +233,50 @@ def _decided(
     return decided, joints
 
 
-def _log_odds(
-    matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], Sequence[Ends]]
-) -> tuple[float, float]:
+def _log_odds(link: SeamLink, edges: EdgesAgainst) -> tuple[float, float]:
     """Return the logarithm of the odds that a set is true: by its strength, and by true edges against it."""
     if link.is_kept:
         return (-math.log(np.finfo(np.float64).eps),) * 2
     alone = _LOG_ODDS[0] + _LOG_ODDS[1] * math.log(link.strength)
-    return alone, alone + _LOG_ODDS[2] * math.log1p(trust_against(matches, link, ends))
+    return alone, alone + _LOG_ODDS[2] * math.log1p(edges[2].sum())
 
 
 def joint_between(
-    side: int, shape: Shape, node: Int64, matches: Matches, one: SeamLink, other: SeamLink
+    side: int,
+    shape: Shape,
+    node: Int64,
+    links: tuple[SeamLink, SeamLink],
+    edges: tuple[EdgesAgainst, EdgesAgainst],
 ) -> SideJoint:
     """Return the weakest joint of a side between two sets of a piece; its part has the nodes of the first.
 
     Few views see a false pair, so cloth is cut where little is often seen; ``node`` (K,) is that of each
-    match. If the joint is false, the part lies where the other set has it: not on cloth of the same sheet.
-    Where it would leave less than ``LEAST_PIECE`` nodes on a side there is none: it is never false.
+    match. If the joint is false, each set lays the other sheet on its own part only, and of the ``edges``
+    against it only those there count. Where it would leave less than ``LEAST_PIECE`` nodes on a side there is
+    none: it is never false.
     """
-    ends = node[one.members], node[other.members]
+    ends = node[links[0].members], node[links[1].members]
     here, there = (np.setdiff1d(each, np.intersect1d(*ends)) for each in ends)
-    piece = (one.this_piece, one.other_piece)[side]
-    own, total, overlap = shape.piece == piece, np.inf, 0.0
+    piece = (links[0].this_piece, links[0].other_piece)[side]
+    own, total, relief = shape.piece == piece, np.inf, 0.0
     part = np.zeros(len(own), dtype=np.bool_)
     if here.size and there.size:
         pairs, evidence = shape.graph.pairs[shape.holds], shape.graph.evidence[shape.holds]
         often = seen_often(evidence, shape.graph.views[shape.holds])
         part = cut_between(len(own), pairs, often, here, there)
-        motions = [matches.motion(link.members) for link in (one, other)]
-        first, then = (motions[0].inverse(), motions[1]) if side == 0 else (motions[0], motions[1].inverse())
-        uv = shape.all_uv_m * (MIRROR if side else 1.0)
-        moved, rest = (then @ first).apply(uv[own & part]), uv[own & ~part]
-        if min(len(moved), len(rest)) >= LEAST_PIECE:
+        if min((own & part).sum(), (own & ~part).sum()) >= LEAST_PIECE:
             total = float(evidence[part[pairs[:, 0]] != part[pairs[:, 1]]].sum())
-            overlap = max(_share_on(moved, rest), _share_on(rest, moved))
-    false = float(expit(_FALSE_LOG_ODDS[0] + _FALSE_LOG_ODDS[1] * overlap - math.log1p(total)))
-    return SideJoint(side=side, piece=piece, part=part, evidence=total, overlap=overlap, false=false)
+            for against, is_first in zip(edges, (True, False), strict=True):
+                counts = part[node_at(shape, against[side])] == is_first
+                relief += math.log1p(against[2].sum()) - math.log1p(against[2][counts].sum())
+    false = float(expit(_FALSE_LOG_ODDS[0] + _FALSE_LOG_ODDS[1] * relief - math.log1p(total)))
+    return SideJoint(side=side, piece=piece, part=part, evidence=total, relief=relief, false=false)
 
 
-def _share_on(uv_m: Float64, cloth_uv_m: Float64) -> float:
-    """Return the share of nodes (K, 2) of the plane that lie on other cloth, given by its nodes (N, 2)."""
-    return float((cKDTree(cloth_uv_m).query(uv_m)[0] < LEAST_INTERVAL_M).mean())
-
-
-def trust_against(matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], Sequence[Ends]]) -> float:
-    """Return the trust of all true edges that a set lays on the other sheet's cloth.
+def edges_against(
+    matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], Sequence[Ends]]
+) -> EdgesAgainst:
+    """Return the true edges that a set lays on the other sheet's cloth.
 
     Both sheets end at the same seams and hems, necklines apart.
     """
@@ -281,7 +285,9 @@ def trust_against(matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], 
     at_other, at_this = motion.inverse().apply(own.edge_uv_m) * MIRROR, motion.apply(its.edge_uv_m * MIRROR)
     trust = np.concatenate([own.edge_trust, its.edge_trust])
     depth_m = np.concatenate([its.depth_at(at_other), own.depth_at(at_this)])
-    return float(trust[(trust > _WELL_SEEN) & (depth_m > MOST_DRIFT_M)].sum())
+    counts = (trust > _WELL_SEEN) & (depth_m > MOST_DRIFT_M)
+    this, other = np.concatenate([own.edge_uv_m, at_this]), np.concatenate([at_other, its.edge_uv_m])
+    return this[counts], other[counts], trust[counts]
 
 
 def _renumbered(link: SeamLink, piece: Int32) -> SeamLink:
