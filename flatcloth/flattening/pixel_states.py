@@ -34,11 +34,11 @@ class PixelState(IntEnum):
 
 TEXTS = {
     PixelState.UNMEASURED: "not measured",
-    PixelState.RAMP: "on a ramp between two layers, which the sensor made",
-    PixelState.EDGE: "beside a depth jump or an outline",
+    PixelState.RAMP: "between two layers, whose depths the sensor mixed",
+    PixelState.EDGE: "next to a jump in depth or to the outline",
     PixelState.STEEP: "seen too steeply",
-    PixelState.STRIP: "in a strip too narrow to be sampled",
-    PixelState.NO_CHAIN: "no chain of neighbours leads to the shape",
+    PixelState.STRIP: "in a strip too narrow to be flattened",
+    PixelState.NO_CHAIN: "nothing that was seen joins it to the shape",
     PixelState.NOT_USED: "the view is not part of the shape",
     PixelState.FLOATING: "on a floating piece",
     PixelState.SHAPE: "in the shape",
