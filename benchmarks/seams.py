@@ -146,7 +146,7 @@ def fitted(rows: Sequence[Row]) -> Float64:
                     total -= np.log(np.where(false, q, 1.0 - q)).sum() - math.log1p(-np.prod(1.0 - q))
         return total
 
-    found: Float64 = minimize(loss, np.array([-1.0, 1.5, -0.5, 0.0, -1.0]), tol=1e-3).x
+    found: Float64 = minimize(loss, np.array([1.0, 1.5, -1.0, -0.5, 0.5]), tol=1e-3).x
     return found
 
 
