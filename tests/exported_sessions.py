@@ -38,7 +38,6 @@ def write_cylinder(folder: Path, name: str = NAME, cut_rows: slice = slice(0)) -
     folder.mkdir(parents=True)
     for n in range(len(ANGLES_DEG)):
         frame = cylinder[n]
-        assert frame.mask is not None
         frame.mask[cut_rows] = False
         for kind, pixels in (
             ("color", frame.color[..., ::-1]),
@@ -81,7 +80,6 @@ class Operator:
     @property
     def pending(self) -> int:
         pending = self.folder.state.document.pending
-        assert pending is not None
         return pending.view_index
 
 

@@ -316,7 +316,6 @@ def test_an_angle_that_shows_a_seam_of_what_floats_is_chosen(tmp_path: Path) -> 
     found = choose_next(
         loop.integration, loop.document, loop.known, loop.knowledge, loop.goal, 60.0, other=other
     )
-    assert found is not None
     assert found.angle_deg == 201.0
     assert "10000 cm2 of the other side" in found.why
     loop.close()

@@ -97,7 +97,6 @@ def half_views() -> tuple[dict[str, float], list[tuple[Any, Any, Any]]]:
     for n in range(len(recording)):
         frame = recording[n]
         color = cv2.resize(frame.color, None, fx=1 / HALF, fy=1 / HALF, interpolation=cv2.INTER_AREA)
-        assert frame.mask is not None
         views.append(
             (color[..., ::-1], millimetres(frame, HALF), 255 * frame.mask[::HALF, ::HALF].astype(np.uint8))
         )

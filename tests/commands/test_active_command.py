@@ -62,7 +62,6 @@ def test_the_start_screen_opens_the_bundled_cell_with_its_first_view_in_the_user
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr("flatcloth.engine.warmup.compile_beside", lambda: None)
     opened = opened_place(Options(), Places().chosen("cell", ""))
-    assert opened is not None
     try:
         assert len(opened.integration.recording) == 1
         assert opened.folder.folder.parent == tmp_path / "flatcloth" / "sessions"

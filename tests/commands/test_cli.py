@@ -245,7 +245,6 @@ def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> No
         # Tests that run as a background job of a shell ignore Ctrl-C, and so would what they start.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    assert running.stdout is not None
     said = running.stdout.readline()
     answer = httpx.get(json.loads(said)["url"]) if said else None
     running.send_signal(signal.SIGINT)

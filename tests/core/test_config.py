@@ -21,12 +21,6 @@ def test_a_configuration_survives_json() -> None:
     assert Config.from_dict(Config().to_dict()) == Config()
 
 
-def test_the_paper_s_numbers_are_the_defaults() -> None:
-    assert Config().flattening.sampling_intervals_px == (12, 6)
-    assert Config().planning.z_angle_limit_deg == 50.0
-    assert (Config().planning.rotation_min_deg, Config().planning.rotation_max_deg) == (10.0, 50.0)
-
-
 @pytest.mark.parametrize(
     ("values", "complaint"),
     [

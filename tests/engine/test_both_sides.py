@@ -112,13 +112,6 @@ def test_with_one_side_nothing_of_the_other_is_left(shape, tmp_path: Path):
     assert "other_side" not in json.loads((tmp_path / "outcome.json").read_text())
 
 
-def test_the_papers_method_has_one_side(place: str):
-    integration = Integration(open_recording(place), method="paper")
-    assert GarmentService(integration).joined(Document(start_view=0)) == (
-        "Only one side is in the shape: the method paper integrates one."
-    )
-
-
 def test_masks_that_name_both_sides_are_taken_as_they_are(place: str):
     recording, truth = open_recording(place), Truth(place)
     its = OtherTruth(truth, len(recording))

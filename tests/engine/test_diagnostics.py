@@ -16,7 +16,6 @@ def test_the_continued_view_and_the_lines_at_the_middle_of_the_common_range_are_
     found = reasons(made, done(made, start, Propose(2)).document)
     assert (found.side, found.front_view, found.turn_deg, found.trouble) == (Side.LEFT, 0, 40.0, "")
     # Both see from -50 deg of the old view, its limit, to 50 - 40 deg, that of the new one.
-    assert found.correspondence is not None
     assert found.correspondence.common_range_deg == pytest.approx((-50.0, 10.0), abs=2.5)
     assert found.correspondence.a_m_deg == pytest.approx(-20.0, abs=2.5)
     back = reasons(made, done(made, start, Propose(16)).document)

@@ -48,10 +48,8 @@ def test_refining_a_proposal_that_was_moved_brings_it_back(method: str) -> None:
     assert found.score.total == made.score(moved.document).total < right
     assert found.refined_score.total > right - 0.03
     pending = moved.document.pending
-    assert pending is not None
     back = apply(moved, Nudge(2, found.refined @ pending.current_from_new.inverse(), "refine"))
     assert back.undo[-1].name == "refine view 2"
-    assert back.document.pending is not None
     corners = np.array([[0.0, 0.0], [0.1, 0.2]])
     off = back.document.pending.current_from_new.apply(corners) - pending.proposed.apply(corners)
     assert np.linalg.norm(off, axis=1).max() < 0.003

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 
 import pytest
@@ -28,17 +27,6 @@ def test_a_grip_comes_back_with_the_session(tmp_path: Path) -> None:
     again.forget(3)
     again.forget(99)  # of a pick that never had one
     assert read_grips(tmp_path) == {10: Grip(opening_m=0.02)}
-
-
-@pytest.mark.parametrize("opening_m", [0.0, -0.04, 5.0, math.nan, math.inf])
-def test_an_opening_that_no_gripper_has_is_refused_and_changes_nothing(
-    tmp_path: Path, opening_m: float
-) -> None:
-    book = GripStore(tmp_path)
-    with pytest.raises(FlatclothError, match="A gripper opens 5 to 300 mm"):
-        book.set(1, Grip(opening_m=opening_m))
-    assert book.get(1) == Grip()
-    assert not (tmp_path / "grips.json").exists()
 
 
 def test_a_disk_that_fails_leaves_the_grip_as_it_was(tmp_path: Path) -> None:

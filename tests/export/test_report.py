@@ -18,7 +18,6 @@ from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.export.animation import frames, mp4_of
 from flatcloth.export.by_name import made
-from flatcloth.export.files import write_text
 from flatcloth.export.report import differences, report
 from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.pictures import Camera, camera_around, paint_points
@@ -166,13 +165,3 @@ def test_an_mp4_has_every_frame(
     monkeypatch.setattr(cv2, "CAP_FFMPEG", cv2.CAP_IMAGES)  # an OpenCV without FFmpeg
     with pytest.raises(FlatclothError, match="pip install --force-reinstall opencv-python-headless"):
         mp4_of(session)
-
-
-def test_texts_are_written_whole_or_not_at_all(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "page.html"
-    write_text(path, "first \u00b2")
-    write_text(path, "second")
-    assert path.read_text() == "second"
-    assert [p.name for p in path.parent.iterdir()] == ["page.html"]
-    with pytest.raises(FlatclothError, match=r"below: cannot be written"):
-        write_text(path / "below", "third")

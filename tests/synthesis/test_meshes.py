@@ -254,7 +254,6 @@ def test_colors_of_vertices_come_from_obj_and_ply(tmp_path: Path) -> None:
     obj = read_mesh(write_obj(tmp_path / "a.obj", VERTICES, TRIANGLES, rgb=rgb / 255.0))
     ply = read_mesh(write_ply(tmp_path / "a.ply", VERTICES, TRIANGLES, rgb))
     for mesh in (obj, ply):
-        assert mesh.vertex_rgb is not None
         assert np.abs(mesh.vertex_rgb[mesh.triangles].astype(int) - rgb[TRIANGLES]).max() <= 1
 
 

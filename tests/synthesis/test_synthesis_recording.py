@@ -51,7 +51,6 @@ def made(folder: Path, mesh: Path | None = None, **more: object) -> Recording:
 def test_the_held_point_hangs_on_the_axis_above_the_middle_of_the_image(tmp_path: Path) -> None:
     recording = made(tmp_path, distance_m=0.6)
     axis, held = recording.rotation_axis, recording.held_point_m
-    assert axis is not None
     assert held is not None
     assert np.allclose(held, [0, -HEIGHT_M / 2, 0.6])
     assert np.allclose(axis.point_m, held)
@@ -108,7 +107,6 @@ def test_the_truth_is_seen_from_outside_and_not_mirrored(tmp_path: Path) -> None
 def test_the_inner_face_is_no_side_of_interest(tmp_path: Path) -> None:
     recording = made(tmp_path)
     behind = recording[4]  # turned by 180 degrees
-    assert behind.mask is not None
     assert (behind.depth_m > 0).sum() > 500
     assert not behind.mask.any()
     assert not Truth(recording.location)[4].outer_face.any()
@@ -226,8 +224,6 @@ def test_loose_angles_and_axis_are_wrong_only_in_what_is_recorded(tmp_path: Path
     error = np.subtract(loose.angles_deg, exact.angles_deg)
     assert error[0] == 0
     assert 0.3 < np.std(error[1:]) < 4
-    assert loose.rotation_axis is not None
-    assert exact.rotation_axis is not None
     off = loose.rotation_axis.point_m - exact.rotation_axis.point_m
     assert np.abs(off).max() > 1e-3
     assert off[1] == 0

@@ -6,7 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from flatcloth.session.document import Document
-from flatcloth.session.machine import Propose, SessionState
+from flatcloth.session.machine import SessionState
 from flatcloth.viewer import auto
 from flatcloth.viewer.protocol.sent import AutoInfo
 from flatcloth.viewer.protocol.settings import Settings
@@ -20,13 +20,6 @@ def next_step(document=BEGUN, settings=None, *, auto_now=RUNS, floating_m2=0.0):
     picture = SimpleNamespace(document=document, sheet=sheet)
     state = SessionState(12, document)
     return auto.next_step(state, auto_now, settings or Settings(), picture)
-
-
-def test_it_ends_at_the_chosen_number_of_views():
-    assert next_step(settings=Settings(auto_until="views", auto_views=2)) == Propose()
-    step = next_step(settings=Settings(auto_until="views", auto_views=1))
-    assert isinstance(step, auto.End)
-    assert step.by_choice == "The shape has 1 views, as chosen."
 
 
 def test_an_end_with_much_floating_cloth_is_no_success():

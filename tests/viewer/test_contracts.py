@@ -309,34 +309,6 @@ def test_a_click_in_3d_that_meets_nothing_picks_nothing(server) -> None:
     assert state["picks"] == []
 
 
-def test_hovering_tells_all_attributes(server) -> None:
-    with Tab(server) as tab:
-        tab.ready()
-        tab.say(type="hover", id=7, u_m=0.0, v_m=0.1)
-        answer = tab.until(lambda m: m["type"] == "hover")
-        tab.say(type="hover", id=8, u_m=-400, v_m=900)
-        off = tab.until(lambda m: m["type"] == "hover")
-    assert (answer["id"], off["id"], off["shape"]) == (7, 8, None)
-    assert set(answer["shape"]) == {
-        "rc", "uv_mm", "rgb", "xyz_mm", "height_mm", "normal", "z_angle_deg", "z_angle_now_deg", "view_index",
-        "source_rc", "density_px_cm2", "incidence_deg", "stretch", "placement_std_mm", "error_mm",
-    }  # fmt: skip
-
-
-def test_a_measure_is_answered_with_its_three_lengths(server) -> None:
-    with Tab(server) as tab:
-        tab.ready()
-        tab.say(type="measure", id=3, from_u_m=-0.1, from_v_m=0.15, to_u_m=0.1, to_v_m=0.15)
-        answer = tab.until(lambda m: m["type"] == "measured")
-        tab.say(type="measure", id=4, from_u_m=-0.1, from_v_m=0.15, to_u_m=5.0, to_v_m=0.15)
-        off = tab.until(lambda m: m["type"] == "measured")
-    assert (answer["id"], answer["flat_mm"]) == (3, pytest.approx(200.0))
-    assert answer["cloth_mm"] == pytest.approx(200.0, rel=0.005)
-    assert answer["air_mm"] < 190.0
-    assert len(answer["path_uv_m"]) == 2
-    assert (off["cloth_mm"], off["air_mm"], off["path_uv_m"]) == (None, None, [])
-
-
 # --- repair -----------------------------------------------------------------------------------------
 
 
@@ -518,18 +490,6 @@ def test_cancel_gives_the_work_up_stops_auto_and_the_late_answer_is_dropped(serv
         integration.gate.set()
         # View 1 was what the cancelled work would have proposed.
         leads_to(tab, do("view", 5), proposed(5))
-
-
-def test_a_session_of_several_views_tells_how_many_are_opened(integration, folder) -> None:
-    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
-        for said, told in THREE:
-            leads_to(tab, said, told)
-    gate = threading.Event()
-    integration.algorithm.why_unusable = lambda _view: gate.wait(WAIT_S) and ""
-    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
-        leads_to(tab, None, {"progress.text": "opening view 1 of 4", "drawing": True, "layers": None})
-        gate.set()
-        leads_to(tab, None, {"drawing": False, "progress": None, "step": 4})
 
 
 def test_a_program_that_was_killed_while_views_followed_goes_on_with_them(integration, folder) -> None:

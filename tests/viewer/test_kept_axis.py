@@ -22,7 +22,6 @@ SHIFTED = RotationAxis(
 
 
 def same(a: RotationAxis | None, b: RotationAxis) -> bool:
-    assert a is not None
     return bool(
         np.allclose(a.point_m, b.point_m)
         and np.allclose(a.direction, b.direction)

@@ -120,7 +120,6 @@ def test_attributes_are_those_of_the_pixel_under_the_pointer():
     view = cylinder_view({0: 0.0})
     u, v = view.uv_from_rc(np.array([3, 5]))
     found = values_at(view, u + 0.49 * view.pixel_size_m, v - 0.49 * view.pixel_size_m, AXIS)
-    assert found is not None
     assert found.rc == (3, 5)
     np.testing.assert_allclose(found.xyz_mm, 1000 * view.xyz_m[3, 5], rtol=1e-6)
     assert found.height_mm == pytest.approx(1000 * (CENTER_M[1] - view.xyz_m[3, 5, 1]), abs=1e-3)

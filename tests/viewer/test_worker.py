@@ -5,11 +5,9 @@ from __future__ import annotations
 import threading
 from functools import partial
 
-import pytest
 from page_tabs import WAIT_S
 
-from flatcloth.core.errors import CancelledError
-from flatcloth.viewer.worker import Executor, one_at_a_time
+from flatcloth.viewer.worker import Executor
 
 
 def test_what_nobody_waits_for_begins_when_all_else_is_done_and_what_waits_is_dropped_at_the_end() -> None:
@@ -35,29 +33,3 @@ def test_what_nobody_waits_for_begins_when_all_else_is_done_and_what_waits_is_dr
     threading.Timer(0.1, gate.set).start()
     executor.stop()
     assert "never" not in order
-
-
-def test_what_waits_ends_when_it_is_not_wanted_any_more_and_the_next_has_its_turn() -> None:
-    stopped, ended, begun = threading.Event(), threading.Event(), threading.Event()
-
-    def check() -> None:
-        if stopped.is_set():
-            raise CancelledError
-
-    def wait() -> None:
-        with pytest.raises(CancelledError), one_at_a_time(check):
-            begun.set()
-        ended.set()
-
-    with one_at_a_time(lambda: None):
-        threading.Thread(target=wait, daemon=True).start()
-        assert not begun.wait(0.5)
-        stopped.set()
-        assert ended.wait(20)  # while the first still works
-    assert not begun.is_set()
-    with pytest.raises(CancelledError), one_at_a_time(check):
-        begun.set()
-    assert not begun.is_set()
-    with one_at_a_time(lambda: None):
-        begun.set()
-    assert begun.is_set()
