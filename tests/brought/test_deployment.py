@@ -175,31 +175,6 @@ def test_what_was_not_declared_is_refused_in_words(
     assert words in answer.text
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        ["--public-url", LAB],
-        ["--public-url", f"ftp://{LAB}/"],
-        ["--public-url", f"https://me@{LAB}/"],
-        ["--public-url", f"https://{LAB}/?token=x"],
-        ["--public-url", f"https://{LAB}:99999/"],
-        ["--public-url", "https://[::1/"],
-        ["--public-url", "https:///cloth/"],
-        ["--public-url", f"https://{LAB}/", "--no-token"],
-        ["--session", "/proc/none/session"],
-    ],
-    ids=" ".join,
-)
-def test_what_cannot_be_is_one_line(
-    options: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.delenv("FLATCLOTH_TOKEN", raising=False)
-    assert main(["view", SAMPLE, "--port", "0", *options]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert options[1] in line
-    assert re.search("give it as the browser shows it|would admit everybody|Choose a writable folder", line)
-
-
 def test_a_folder_for_temporary_files_that_cannot_be_written_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

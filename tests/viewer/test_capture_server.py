@@ -16,7 +16,6 @@ import pytest
 from page_tabs import WAIT_S, Tab, get, post
 from scene_camera import SceneCamera, opened
 
-from flatcloth.cli import main
 from flatcloth.recordings import open_recording
 from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
 from flatcloth.viewer.server.app import PageServer
@@ -167,32 +166,6 @@ def test_a_camera_that_is_unplugged_is_told_and_keeps_what_is_on_disk(
 
 
 # --- the command line ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--camera"], "No RealSense camera is connected"),
-        (["--camera", "none.db3"], "no such file"),
-        (["shirt-sleeve-clean", "--camera"], "shirt-sleeve-clean: --camera shows a camera"),
-        (["--camera", "--step", "0"], "step of 0"),
-        (["--camera", "--frames", "2"], "2 frames per view"),
-        (["--out", "x"], "--out needs --camera"),
-        (["--resume"], "--resume needs --camera"),
-    ],
-)
-def test_bad_options_are_one_line(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["view", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
 
 
 def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
