@@ -115,13 +115,8 @@ def test_an_announced_view_may_wait_for_the_operator(server: PageServer, tmp_pat
 
 NOT_UNDERSTOOD: list[tuple[str, Any, int, str]] = [
     ("angle", b"angle=5", 400, "JSON is malformed"),
-    ("angle", {}, 400, "missing required field `angle_deg`"),
     ("angle", {"angle_deg": "5"}, 400, "$.angle_deg"),
-    ("angle", {"angle_deg": 5, "keep": 1}, 400, "$.keep"),
-    ("angle", {"angle": 5}, 400, "unknown field `angle`"),
-    ("angle", b'{"angle_deg": NaN}', 400, "JSON is malformed"),
     ("angle", {"angle_deg": 5000}, 400, "<= 3600"),
-    ("angle", b'{"angle_deg": 1' + b"0" * 5000 + b"}", 400, "$.angle_deg"),
     ("angle", b'{"keep": ' + b"[" * 9000, 400, "$.keep"),
     ("angle", b" " * 10_001, 400, "longer than 10000 bytes"),
     ("dance", {}, 404, "Unknown address /capture/dance"),
