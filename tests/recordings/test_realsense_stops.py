@@ -25,7 +25,7 @@ def stops_of(shots: Iterable[Shot]) -> list[Stop]:
     return find_stops(glance(s.time_s, s.color, s.depth_mm / 1000) for s in shots)
 
 
-@pytest.mark.parametrize("fps", [6.0, 15.0, 30.0])
+@pytest.mark.parametrize("fps", [6.0, 30.0])
 def test_the_stops_of_an_item_that_is_turned_are_found(fps: float) -> None:
     stops = stops_of(turning(stop_and_go(4, 10.0, 1.5, 1.0), 10.0, fps=fps))
     assert len(stops) == 4
@@ -35,7 +35,7 @@ def test_the_stops_of_an_item_that_is_turned_are_found(fps: float) -> None:
         assert stop.end_s <= 2.5 * n + 1.5 + 0.2 or n == 3
 
 
-@pytest.mark.parametrize("speed_deg_s", [2.0, 10.0, 60.0, 200.0])
+@pytest.mark.parametrize("speed_deg_s", [2.0, 200.0])
 def test_a_turn_is_never_taken_for_rest(speed_deg_s: float) -> None:
     """Not a slow one, and not one so fast that the pictures have nothing in common."""
     shots = turning(lambda t: speed_deg_s * t, 2.0)
