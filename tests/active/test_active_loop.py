@@ -34,7 +34,6 @@ from flatcloth.active.goal import (
 )
 from flatcloth.active.incoming import ViewError
 from flatcloth.active.log import ActiveLog
-from flatcloth.active.loop import ActiveLoop
 from flatcloth.api.integrating import open_session
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
@@ -158,14 +157,6 @@ def test_a_doubled_view_is_taken_once_a_late_one_at_its_angle_and_one_that_is_wr
     assert taken.number == 2
     assert "it comes late" in taken.told[0]
     assert loop.stands_deg == 200.0
-    loop.close()
-
-
-def test_an_angle_at_which_there_is_a_view_is_refused(tmp_path: Path) -> None:
-    cell = sheet_cell(tmp_path / "cell", noise="d435")
-    loop = led(loop_in(tmp_path / "out"), cell, most=1)
-    with pytest.raises(ViewError, match="There is a view at 0 degrees already"):
-        loop.take(seen(cell, 0.0, 7))  # other noise, so that it is no copy
     loop.close()
 
 
@@ -362,19 +353,6 @@ def test_views_that_brought_nothing_end_a_loop_only_all_round(tmp_path: Path) ->
     log.add("view", number=6, new_m2=0.0, news=True)
     assert not log.is_exhausted([*sixths, 30.0], 0.002, SHAPE)
     log.close()
-
-
-def test_the_paper_s_planning_drives_the_cell_to_either_side(tmp_path: Path) -> None:
-    cell = sheet_cell(tmp_path / "cell")
-    loop = led(ActiveLoop(tmp_path / "out", SHAPE, Budget(views=6), "paper"), cell, most=6)
-    angles = np.array(loop.integration.recording.angles_deg)
-    loop.close()
-    assert isinstance(loop.asked, End)
-    assert len(loop.document.used_views) >= 3
-    turns = np.abs((angles[1:] - angles[:-1] + 180.0) % 360.0 - 180.0)
-    # section 5: between 10 and 50 degrees from an outermost view, to the left or the right
-    assert turns.min() >= 9.0
-    assert {accepted.side.value for accepted in loop.document.accepted} <= {"left", "right"}
 
 
 @pytest.mark.parametrize("knows_axis", [True, False])

@@ -13,7 +13,7 @@ from exported_sessions import write_cylinder
 from scenes import Cylinder
 
 import flatcloth
-from flatcloth.core.errors import ConfigError, JournalError
+from flatcloth.core.errors import JournalError
 from flatcloth.engine.integration import Integration
 from flatcloth.session.kept import read_summary
 
@@ -86,13 +86,6 @@ def test_points_and_grasps_of_a_garment_lie_on_its_cloth(shape: flatcloth.Shape)
         )
     with pytest.raises(flatcloth.GarmentError, match="tail: no named point of this garment that was seen"):
         shape.grasp_point("tail")
-
-
-def test_both_methods_are_offered_and_others_refused() -> None:
-    assert flatcloth.method_names() == ("robust", "paper")
-    assert flatcloth.integrate(cylinder(), method="paper").placement_std_m is None
-    with pytest.raises(ConfigError, match="Unknown method 'best'"):
-        flatcloth.integrate(cylinder(), method="best")
 
 
 def test_each_view_is_reported_with_the_shape_so_far_and_progress_is_told_until_it_is_cancelled() -> None:

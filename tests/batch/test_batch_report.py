@@ -20,7 +20,7 @@ from route_client import RouteClient
 from flatcloth.batch.report import command_of, decide, read_verdicts, reliability, report_html, write_report
 from flatcloth.batch.rows import FORMAT, write_row
 from flatcloth.cli import main
-from flatcloth.core.errors import FlatclothError, JournalError
+from flatcloth.core.errors import JournalError
 from flatcloth.viewer.server.guard import Guard, own_names
 from flatcloth.viewer.server.review import SessionPage, review_app
 
@@ -251,12 +251,6 @@ def test_served_it_needs_the_token_of_the_printed_address(
     cookie = entered.headers["set-cookie"].split(";")[0]
     for header in ({"Cookie": cookie}, {"Authorization": f"Bearer {found[2]}"}):
         assert client.get("/", headers=header).status_code == 200
-
-
-def test_a_session_that_is_not_there_is_told(tmp_path: Path) -> None:
-    sessions = SessionPage(lambda _chosen, _current: None)
-    with pytest.raises(FlatclothError, match=r"session\.json"):
-        sessions.address(tmp_path)
 
 
 def test_the_report_command_writes_the_page(out: Path, capsys: pytest.CaptureFixture[str]) -> None:

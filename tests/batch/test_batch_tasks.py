@@ -40,12 +40,6 @@ def test_folders_patterns_and_recordings_give_tasks_in_order(data: Path) -> None
     assert names("shirt-corner-d435") == ["shirt-corner-d435"]
 
 
-def test_what_is_no_recording_is_told(data: Path, tmp_path: Path) -> None:
-    for source, cause in ((tmp_path / "nowhere", "no such file"), (f"{data}/x*", "nothing matches")):
-        with pytest.raises(FlatclothError, match=cause):
-            tasks(source)
-
-
 def test_a_csv_manifest_has_options_as_columns(data: Path) -> None:
     (data / "list.csv").write_text("source,name,method,fov_deg,angles\na,first,paper,,\nb,,,60 40,t.csv\n")
     first, second = tasks(data / "list.csv", step_deg=10.0)

@@ -35,15 +35,6 @@ def about(megabytes: float) -> object:
     return pytest.approx(megabytes * MB, abs=5000)
 
 
-def test_what_was_used_longest_ago_is_forgotten_first() -> None:
-    memory: Cache[int] = Cache(2)
-    for n in (0, 1):
-        memory.put(n, n)
-    memory.get(0, lambda: -1)
-    memory.put(2, 2)
-    assert memory.items() == [(0, 0), (2, 2)]
-
-
 def test_the_bytes_of_all_values_are_bounded() -> None:
     memory: Cache[Value] = Cache(100, most_bytes=10 * MB)
     for n in range(8):

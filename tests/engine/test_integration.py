@@ -93,16 +93,6 @@ def test_a_nudge_moves_the_overlay_which_is_made_once_for_each_place_and_lowers_
     assert apply(nudged, Accept(view)).document.accepted[-1].fixed
 
 
-def test_any_view_can_be_asked_for_by_hand() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose(2))
-    pending = state.document.pending
-    assert (pending.view_index, pending.side) == (2, Side.LEFT)
-    state = done(made, started(made, 0), Propose(17))
-    assert state.document.pending.side is Side.RIGHT  # type: ignore[union-attr]
-    assert made.proposal(state.document).plan is None
-
-
 def test_a_view_of_the_other_side_is_passed_over_with_its_reason() -> None:
     made = integration(span_deg=(-60.0, 60.0), angles_deg=(0.0, 160.0, 200.0))
     state = done(made, started(made, 0), Propose())

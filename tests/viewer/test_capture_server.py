@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -13,7 +14,7 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from page_tabs import WAIT_S, Tab, get, post
+from page_tabs import WAIT_S, Tab, get, get_frame, post
 from scene_camera import SceneCamera, opened
 
 from flatcloth.recordings import open_recording
@@ -43,6 +44,8 @@ def server(camera: SceneCamera, tmp_path: Path) -> Iterator[PageServer]:
         yield running
     session.close()
     assert camera.closed >= 1
+    left = {t.name for t in threading.enumerate()}
+    assert not left & {"flatcloth-background", "flatcloth-session"}
 
 
 class Robot:
@@ -177,3 +180,22 @@ def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
         told = robot.until(lambda s: any("another unit" in text for text in s["warnings"]))
         assert any("--depth-factor 10" in text for text in told["warnings"])
     session.close()
+
+
+def test_a_click_pauses_and_picks_on_the_frame_that_was_seen(server: PageServer) -> None:
+    with Tab(server) as tab:
+        seen = get_frame(server)
+        later = get_frame(server, seen["sequence"])
+        grid = seen["grid"]
+        cloth = np.argwhere(seen["image"][..., 3] > 0)
+        row, col = cloth[len(cloth) // 2]
+        u, v = np.array(grid["origin_uv_m"]) + np.array([col, row]) * grid["pixel_size_m"]
+        tab.say(type="pick", u_m=float(u), v_m=float(v), revision=seen["sequence"])
+        state = tab.state_where(lambda s: s["pick"])
+        assert not state["capture"]["playing"]
+        np.testing.assert_allclose(state["pick"]["uv_m"], (u, v), atol=0.003)
+        held = get_frame(server, later["sequence"])
+        np.testing.assert_allclose(held["pick_uv_m"], (u, v), atol=0.003)
+        assert get(server, f"/capture/frame/{held['sequence']}").status_code == 204
+        tab.say(type="play", playing=True)
+        assert tab.state_where(lambda s: s["capture"]["playing"])
