@@ -32,9 +32,7 @@ def test_it_looks_when_the_item_hangs_still_and_says_when_the_camera_is_gone(tmp
     cell = sheet_cell(tmp_path / "cell")
     loop = led(loop_in(tmp_path / "out"), cell, most=2)
     camera.unplug()
-    with pytest.raises(
-        CameraError, match=r"delivers no images any more\. Views that were taken are on disk"
-    ):
+    with pytest.raises(CameraError, match=r"delivers no images any more\. Views that were taken are on disk"):
         eye(60.0, 2)
     assert loop.views == 2
     loop.take(seen(cell, 200.0, 2))

@@ -204,10 +204,9 @@ def of_trimesh(kind: str) -> bytes:
 
 def glb(folder: Path) -> bytes:
     """Return a glb whose second half has vertices of its own, as textures tear them."""
-    down, torn = UV * (1, -1) + (0, 1), TRIANGLES.copy()
+    torn = TRIANGLES.copy()
     torn[len(torn) // 2 :] += len(VERTICES)
-    doubled = (np.concatenate([each, each]) for each in (VERTICES, down))
-    vertices, uv = doubled
+    vertices, uv = (np.concatenate([each, each]) for each in (VERTICES, UV))
     return write_glb(folder / "made.glb", vertices, torn, uv, RED_BGR).read_bytes()
 
 

@@ -194,8 +194,8 @@ def test_the_meshs_own_colors_are_taken_if_it_has_any(tmp_path: Path) -> None:
     bgr = np.zeros((16, 16, 3), np.uint8)
     bgr[:8], bgr[8:] = (0, 0, 230), (230, 0, 0)  # red above
     y_up = vertices[:, [1, 2, 0]]
-    down = np.stack([uv[:, 0], -uv[:, 1] / HEIGHT_M], axis=1)
-    glb = write_glb(tmp_path / "a.glb", y_up, triangles, down, bgr)
+    up = np.stack([uv[:, 0], 1.0 + uv[:, 1] / HEIGHT_M], axis=1)
+    glb = write_glb(tmp_path / "a.glb", y_up, triangles, up, bgr)
     view = made(tmp_path, glb, held=None, out=tmp_path / "glb")[0]
     column = view.color[:, middle].astype(int)
     shown = np.flatnonzero(view.depth_m[:, middle] > 0)
