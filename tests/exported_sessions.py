@@ -1,7 +1,5 @@
 """Small sessions to take away: an exact cylinder, integrated by a scripted operator, with picks."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import shutil

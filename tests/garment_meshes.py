@@ -1,7 +1,5 @@
 """Small garments with closed-form places on the plane, and the files they come in."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ View ``i`` sees the half of a cylinder that faces the camera; the flattened plan
 side, so every place has a closed form: ``u = radius * angle about the axis``, ``v = height``.
 """
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The active loop: a recording grows on disk, it ends for a reason, goes on after a kill, tells faults."""
 
-from __future__ import annotations
-
 import json
 import threading
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A camera looks for the loop when the item hangs still; an unplugged one is told, nothing is lost."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

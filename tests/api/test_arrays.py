@@ -1,7 +1,5 @@
 """Recordings from arrays: what is accepted, and what each refusal says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

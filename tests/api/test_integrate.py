@@ -1,7 +1,5 @@
 """Integration by the public functions: what comes out, what is written, how it is stopped."""
 
-from __future__ import annotations
-
 import math
 import threading
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Batches of real integrations: results, resuming, and tasks that fail, crash, hang or fill the memory."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

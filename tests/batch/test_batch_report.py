@@ -1,7 +1,5 @@
 """The page of a batch as a file and as served: order, what it holds, verdicts, and who may use it."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """From sources to tasks: what each kind of source gives, the names, and when a task is still the same."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

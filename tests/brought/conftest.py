@@ -1,7 +1,5 @@
 """Views of a bundled recording, made small, as users of other programs keep them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from pathlib import Path

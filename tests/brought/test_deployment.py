@@ -1,7 +1,5 @@
 """The page behind proxies, and the program where nothing but its output can be written."""
 
-from __future__ import annotations
-
 import queue
 import re
 import socket

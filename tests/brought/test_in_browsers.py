@@ -1,7 +1,5 @@
 """The page in browsers without WebGL and behind proxies that refuse it: what it says, and what works."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

@@ -1,7 +1,5 @@
 """ROS recordings as people bring them: read like the plain one, or one true line names the encoding."""
 
-from __future__ import annotations
-
 import shutil
 import struct
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Names and numbers of other places: digits of all scripts, decimal commas, clocks, poor streams."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """The guided capture, as a state machine and with a folder; no camera, no clock."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The command ``record``, with a played file as the camera and a list of answers as the operator."""
 
-from __future__ import annotations
-
 import io
 import json
 import sys

@@ -1,7 +1,5 @@
 """The command ``active``: exit codes, what it prints, and that it goes on."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

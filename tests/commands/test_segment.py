@@ -1,7 +1,5 @@
 """``segment`` and ``run`` on a recording without masks, from the command line."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -1,7 +1,5 @@
 """The bounded memory, and reading ahead."""
 
-from __future__ import annotations
-
 import gc
 import re
 import threading

@@ -1,7 +1,5 @@
 """The settings: written beside each result, read back strictly."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

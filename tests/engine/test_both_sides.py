@@ -1,7 +1,5 @@
 """Both sides of a bundled garment: the other side is found, joined, scored and written."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

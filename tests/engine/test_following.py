@@ -1,7 +1,5 @@
 """Reopened and skipped views on a real shape: what follows, what is asked again, what comes back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

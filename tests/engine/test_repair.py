@@ -1,7 +1,5 @@
 """Repair of a placement: pairs of points against closed forms, refinement from where it lies."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

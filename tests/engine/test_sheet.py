@@ -1,7 +1,5 @@
 """The sheet: floating pieces beside the shape, and the way between what is shown and what is meant."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

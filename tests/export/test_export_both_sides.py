@@ -1,7 +1,5 @@
 """Exports of a session with both sides: figures, report, animation, outline, offline page and picks."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

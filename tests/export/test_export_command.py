@@ -1,7 +1,5 @@
 """The command ``export``, as its user calls it."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The grips that an operator chose are kept beside the session, and never lost to a bad file or disk."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

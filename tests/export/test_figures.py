@@ -1,7 +1,5 @@
 """Figures: drawings as SVG and PNG alike, their scales, and the files of a session."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

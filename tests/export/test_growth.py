@@ -1,7 +1,5 @@
 """How a shape grew, on an exact cylinder; and opening a session for export."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

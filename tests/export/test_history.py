@@ -1,7 +1,5 @@
 """A session's history is read from its folder, without touching it."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The offline page as a file: one script, its own data, nothing from elsewhere, no text that escapes."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """The report to print, and the animation of the growth."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from html import unescape

@@ -1,7 +1,5 @@
 """Fuzz every input: ``PYTHONPATH=tests python -m fuzzing --count 2500``; see ``--help``."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import itertools

@@ -5,8 +5,6 @@ is looked at: a clear error, a valid result, or a fault of the program. CPU time
 machine makes no faults; one that only waits is ended after a minute.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

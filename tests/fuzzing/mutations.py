@@ -1,7 +1,5 @@
 """What can be wrong with a file: each mutation changes one file of a sample, led by a random generator."""
 
-from __future__ import annotations
-
 import bz2
 import contextlib
 import json

@@ -1,7 +1,5 @@
 """From a flattened pixel to the point in space and back, on a small exact surface."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

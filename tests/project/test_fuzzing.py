@@ -1,7 +1,5 @@
 """Damaged and hostile inputs end in a clear error or a valid result; ``make fuzz`` runs thousands more."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

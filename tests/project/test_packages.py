@@ -1,7 +1,5 @@
 """What is packed: the wheel, the container, and the hooks before a commit."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 import zipfile

@@ -1,7 +1,5 @@
 """The README and the key table say what the program does."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Formats of other packages, cameras that the user gives, and options in tables."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import math

@@ -1,7 +1,5 @@
 """RealSense files through the real code: written by librealsense itself, played, damaged, imported."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

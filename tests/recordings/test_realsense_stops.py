@@ -1,7 +1,5 @@
 """Where an item stood still, and what becomes of the frames of a stop: on arrays, without any file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Reading recording folders that are as they should be."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Angles for sources without them: a step, or a table in any of its forms."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

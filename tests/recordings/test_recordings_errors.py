@@ -1,7 +1,5 @@
 """Everything that can be wrong with a recording folder is one clear line, never a traceback."""
 
-from __future__ import annotations
-
 import operator
 import os
 import struct

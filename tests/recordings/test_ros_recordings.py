@@ -1,7 +1,5 @@
 """ROS recordings: which topics are read, how their images are decoded, and what is told when they are not."""
 
-from __future__ import annotations
-
 import random
 import sys
 from collections.abc import Callable

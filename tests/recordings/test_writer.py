@@ -1,7 +1,5 @@
 """Recording folders that the program writes: nothing kept is lost, nothing is overwritten."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

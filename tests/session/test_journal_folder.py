@@ -1,7 +1,5 @@
 """The session folder: what it belongs to, who may write, and disks that fail."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The operator's state machine, by examples; test_session_machine.py has its laws."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

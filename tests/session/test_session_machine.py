@@ -1,7 +1,5 @@
 """The laws of the session and its journal, over random histories."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from pathlib import Path

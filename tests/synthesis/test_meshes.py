@@ -1,7 +1,5 @@
 """Meshes of every kind are read alike, however they are spelled; what cannot be read is one clear line."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import re

@@ -1,7 +1,5 @@
 """A mesh becomes a recording: geometry, truth, colors, and every wrong request."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Nothing that was acknowledged may be lost, and nothing that was changed may be a
 are printed: ``python -m pytest -m thorough -s tests/torture``.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import random

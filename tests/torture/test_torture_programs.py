@@ -3,8 +3,6 @@
 The counts are printed: ``python -m pytest -m thorough -s tests/torture``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

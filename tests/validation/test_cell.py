@@ -1,7 +1,5 @@
 """Faults of a cell, made in exact sightings of a cylinder of cloth, are found with their sizes."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import lru_cache

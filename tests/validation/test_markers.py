@@ -1,7 +1,5 @@
 """Markers found on bent cloth and in photos, against closed forms."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

@@ -1,7 +1,5 @@
 """The command validate on the bundled recording of a kit; gray cells in place of markers."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

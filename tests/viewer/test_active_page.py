@@ -1,7 +1,5 @@
 """The page of an active loop: the cell turns at a click or by Auto; proposals are decided; a robot turns."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 from pathlib import Path

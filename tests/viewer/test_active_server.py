@@ -1,7 +1,5 @@
 """A robot and an active loop over HTTP: the example client, a killed server, and views that are wrong."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import importlib.util

@@ -1,7 +1,5 @@
 """The page of a camera, headless: what tabs are told, and what a turntable may say over HTTP."""
 
-from __future__ import annotations
-
 import json
 import threading
 import time

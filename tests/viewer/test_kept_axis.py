@@ -1,7 +1,5 @@
 """Another turning axis: what is derived again, and what a resumed session has."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The start screen's server: what it offers, what it opens, and what it never opens."""
 
-from __future__ import annotations
-
 import gc
 import json
 import os

@@ -1,7 +1,5 @@
 """Which points the 3D scene shows, and in which colours."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """What the page's server gives out, and to whom: files, sockets, ports and the token."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import io

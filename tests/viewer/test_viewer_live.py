@@ -1,7 +1,5 @@
 """The page of a camera, headless: which frames are flattened, and picks on them."""
 
-from __future__ import annotations
-
 import time
 from concurrent.futures import ThreadPoolExecutor
 

@@ -1,7 +1,5 @@
 """The viewer's pure parts: actions, colours, layers, read-outs, rotations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import reduce
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The pictures that the page fetches, how they are looked at, and the result."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import cv2

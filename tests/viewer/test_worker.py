@@ -1,7 +1,5 @@
 """Work of the page apart from its thread: one at a time, and what waits can be called off."""
 
-from __future__ import annotations
-
 import logging
 import socket
 import threading

@@ -1,7 +1,5 @@
 """Scores and refinement on a flat sheet that faces the camera: closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The shape of a document: by the set of its views and what was decided, whatever came before."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
