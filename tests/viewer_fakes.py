@@ -199,6 +199,7 @@ class CylinderIntegration:
             error, self.score_error = self.score_error, None
             raise error
         pending = document.pending
+        assert pending is not None
         at_best = replace(document, pending=replace(pending, nudge=Rigid2()))
         refined = Rigid2(0.0, 0.0001, 0.0) @ pending.proposed if pending.moved else pending.proposed
         return RefinedScore(score=self.score(document), refined=refined, refined_score=self.score(at_best))

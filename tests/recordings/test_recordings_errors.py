@@ -202,17 +202,25 @@ def undecodable(data: bytes) -> bytes:
     return data[: data.index(b"IDAT") - 4] + b"".join(packed)
 
 
+def replaced(make: Callable[[Path], object]) -> Callable[[Path], None]:
+    def damage(path: Path) -> None:
+        path.unlink()
+        make(path)
+
+    return damage
+
+
 NO_IMAGES = (b"", b"text", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"\xff\xd8\xff\xe0\0\0")
 DAMAGES: list[tuple[str, Callable[[Path], object], str]] = [
     *((file, Path.unlink, "missing") for file in IMAGES),
     *((file, lambda path, data=data: path.write_bytes(data), "not a readable PNG or JPEG")
       for file in IMAGES for data in NO_IMAGES),
-    ("recording.json", lambda path: (path.unlink(), path.mkdir()), "missing"),
-    ("depth/1.png", lambda path: (path.unlink(), path.mkdir()), "not a file"),
-    ("depth/1.png", lambda path: (path.unlink(), os.mkfifo(path)), "not a file"),
+    ("recording.json", replaced(Path.mkdir), "missing"),
+    ("depth/1.png", replaced(Path.mkdir), "not a file"),
+    ("depth/1.png", replaced(os.mkfifo), "not a file"),
     ("depth/1.png", lambda path: path.write_bytes(flipped(path.read_bytes())), "damaged"),
     ("depth/1.png", lambda path: path.write_bytes(undecodable(path.read_bytes())), "decoded|no depth"),
-    ("color/1.png", lambda path: (path.unlink(), path.symlink_to(path)), "outside|followed"),
+    ("color/1.png", replaced(lambda path: path.symlink_to(path)), "outside|followed"),
     *((f"{kind}/1.png", lambda path: path.symlink_to(path.rename(path.parents[2] / "outside.png")),
        "outside|followed") for kind in ("color", "depth", "mask", "truth")),
 ]  # fmt: skip
