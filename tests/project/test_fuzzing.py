@@ -30,4 +30,4 @@ def test_inputs_that_are_damaged_or_hostile_end_in_a_clear_error_or_a_valid_resu
     name, cases, errors, results, faults, *_ = done.stdout.splitlines()[-1].split()
     assert (name, int(cases), int(faults)) == ("all", 20, 0)
     assert int(errors) > 5  # the inputs were really spoiled; the others stayed readable
-    assert int(results) > 4
+    assert int(results) > 2
