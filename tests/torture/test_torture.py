@@ -16,6 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tiny_recordings import MemoryRecording
@@ -62,7 +63,7 @@ def played(place: Path, steps: int) -> bytes:
     return data
 
 
-def started(*arguments: str, program: Sequence[str] = ("app.py",), **env: str) -> subprocess.Popen[str]:
+def started(*arguments: str, program: Sequence[str] = ("app.py",), **env: str) -> Any:
     path = os.pathsep.join([str(TESTS), str(TESTS.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
     return subprocess.Popen(
         [sys.executable, *program, *arguments],
@@ -71,7 +72,7 @@ def started(*arguments: str, program: Sequence[str] = ("app.py",), **env: str) -
     )  # fmt: skip
 
 
-def killed(process: subprocess.Popen[str]) -> str:
+def killed(process: Any) -> str:
     """Kill it and its children, as a power cut would; return the last line that it had written whole."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)

@@ -46,7 +46,7 @@ RESULTS = "abc"
 pytestmark = pytest.mark.thorough
 
 
-def address_of(page: subprocess.Popen[str]) -> tuple[str, str]:
+def address_of(page: Any) -> tuple[str, str]:
     """Return the address and the token that a page prints."""
     while True:
         line = page.stdout.readline()
