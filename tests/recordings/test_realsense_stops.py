@@ -87,7 +87,7 @@ def test_the_speed_is_in_pixels_a_second() -> None:
 
 def test_a_bump_at_a_stop_does_not_make_two_stops_of_it() -> None:
     def bumped(t: float) -> float:
-        turn = 10.0 if t > 5 else 2.0 * (t - 0.0) * 0
+        turn = 10.0 if t > 5 else 0.0
         return turn + (3.0 * np.sin(12 * t) if 1.0 < t < 1.9 else 0.0)
 
     stops = stops_of(turning(bumped, 7.0))
