@@ -1,7 +1,5 @@
 """Recordings for batches, as small as a real integration allows, and a format that misbehaves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from exported_sessions import write_cylinder

@@ -1,7 +1,5 @@
 """Small simulated cells: a bent sheet before a small camera."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

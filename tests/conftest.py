@@ -1,7 +1,5 @@
 """What all tests share: no test touches the user's own session folders; a page without a recording."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Iterator

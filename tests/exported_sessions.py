@@ -1,7 +1,5 @@
 """Small sessions to take away: an exact cylinder, integrated by a scripted operator, with picks."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import shutil
@@ -11,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from scenes import AXIS, CAMERA, Cylinder
 
@@ -21,6 +18,7 @@ from flatcloth.grasping.grasps import Grip, grasp_at
 from flatcloth.grasping.grips import GripStore
 from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.base import fingerprint
+from flatcloth.recordings.writer import RecordingWriter
 from flatcloth.session.header import HEADER
 from flatcloth.session.machine import Accept, Command, Event, Propose, Reject, Start, Undo
 from flatcloth.session.store import SessionFolder
@@ -35,33 +33,19 @@ PICKS = ("middle", "edge <b>", "gone")
 def write_cylinder(folder: Path, name: str = NAME, cut_rows: slice = slice(0)) -> Path:
     """Write the cylinder as a recording folder; of ``cut_rows`` of each image nothing is seen."""
     cylinder = Cylinder(angles_deg=ANGLES_DEG)
-    folder.mkdir(parents=True)
-    for n in range(len(ANGLES_DEG)):
-        frame = cylinder[n]
-        assert frame.mask is not None
-        frame.mask[cut_rows] = False
-        for kind, pixels in (
-            ("color", frame.color[..., ::-1]),
-            ("depth", np.rint(frame.depth_m * 10_000).astype(np.uint16)),
-            ("mask", np.where(frame.mask, 255, 0).astype(np.uint8)),
-        ):
-            (folder / kind).mkdir(exist_ok=True)
-            assert cv2.imwrite(str(folder / kind / f"{n}.png"), pixels)
-    views = [
-        {"angle_deg": angle, **{kind: f"{kind}/{n}.png" for kind in ("color", "depth", "mask")}}
-        for n, angle in enumerate(ANGLES_DEG)
-    ]
-    header = {
-        "format": "flatcloth-recording/1",
-        "name": name,
-        "description": "a computed <i>cylinder</i>",
-        "intrinsics": {k: getattr(CAMERA, k) for k in ("width", "height", "fx", "fy", "cx", "cy")},
-        "depth_scale_m": 0.0001,
-        "rotation_axis": {"point_m": AXIS.point_m.tolist(), "direction": AXIS.direction.tolist()},
-        "held_point_m": [0.0, -0.1, 0.85],
-        "views": views,
-    }
-    (folder / "recording.json").write_text(json.dumps(header))
+    with RecordingWriter(
+        folder,
+        name=name,
+        description="a computed <i>cylinder</i>",
+        intrinsics=CAMERA,
+        depth_scale_m=0.0001,
+        rotation_axis=AXIS,
+        held_point_m=[0.0, -0.1, 0.85],
+    ) as writer:
+        for n, angle_deg in enumerate(ANGLES_DEG):
+            frame = cylinder[n]
+            frame.mask[cut_rows] = False
+            writer.add(angle_deg, frame.color, np.rint(frame.depth_m * 10_000).astype(np.uint16), frame.mask)
     return folder
 
 
@@ -81,7 +65,6 @@ class Operator:
     @property
     def pending(self) -> int:
         pending = self.folder.state.document.pending
-        assert pending is not None
         return pending.view_index
 
 

@@ -1,7 +1,5 @@
 """Folders and bags as other programs write them, of a few pixels."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@
 was imported before; ``tests/commands/test_cli.py`` starts that as a user does.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,7 +1,5 @@
 """Disks without room."""
 
-from __future__ import annotations
-
 import errno
 import os
 from typing import Any

@@ -1,7 +1,5 @@
 """Outlines as if they had been seen: the evidence of their cloth, and views of flat sheets."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

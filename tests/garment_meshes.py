@@ -1,14 +1,11 @@
 """Small garments with closed-form places on the plane, and the files they come in."""
 
-from __future__ import annotations
-
-import json
-import struct
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
+import trimesh
+from PIL import Image
+from trimesh.visual import TextureVisuals
 
 RADIUS_M, HEIGHT_M = 0.10, 0.30
 
@@ -104,51 +101,7 @@ def binary_ply_of(
 def write_glb(
     path: Path, vertices: np.ndarray, triangles: np.ndarray, uv: np.ndarray, bgr: np.ndarray
 ) -> Path:
-    """Write a binary glTF with one textured mesh; ``uv`` as glTF has it, v down."""
-    blob, views = bytearray(), []
-    image = cv2.imencode(".png", bgr)[1].tobytes()
-    parts = (
-        vertices.astype("<f4").tobytes(),
-        uv.astype("<f4").tobytes(),
-        triangles.astype("<u4").tobytes(),
-        image,
-    )
-    for part in parts:
-        views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": len(part)})
-        blob += part + b"\0" * (-len(part) % 4)
-
-    def accessor(view: int, kind: str, number: int, count: int) -> dict[str, Any]:
-        return {"bufferView": view, "componentType": number, "count": count, "type": kind}
-
-    positions = accessor(0, "VEC3", 5126, len(vertices))
-    positions |= {"min": vertices.min(axis=0).tolist(), "max": vertices.max(axis=0).tolist()}
-    content = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [
-            {"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}
-        ],
-        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
-        "textures": [{"source": 0}],
-        "images": [{"bufferView": 3, "mimeType": "image/png"}],
-        "accessors": [
-            positions,
-            accessor(1, "VEC2", 5126, len(uv)),
-            accessor(2, "SCALAR", 5125, triangles.size),
-        ],
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(blob)}],
-    }
-    text = json.dumps(content).encode()
-    text += b" " * (-len(text) % 4)
-    size = 12 + 8 + len(text) + 8 + len(blob)
-    path.write_bytes(
-        struct.pack("<4sII", b"glTF", 2, size)
-        + struct.pack("<I4s", len(text), b"JSON")
-        + text
-        + struct.pack("<I4s", len(blob), b"BIN\0")
-        + bytes(blob)
-    )
+    """Write a binary glTF with one textured mesh; ``uv`` with v up, glTF has it down."""
+    visual = TextureVisuals(uv=uv, image=Image.fromarray(bgr[..., ::-1]))
+    trimesh.Trimesh(vertices, triangles, visual=visual, process=False).export(path)
     return path

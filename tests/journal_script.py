@@ -1,7 +1,5 @@
 """Short sessions with every kind of decision, for the tests of the session and its journal."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Made-up sheets, bent in space without stretching: where their nodes lie on the plane is known exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

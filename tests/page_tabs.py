@@ -1,7 +1,5 @@
 """A tab of the page without a browser: its socket, and what it was told."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """Organised point clouds as PCD files, written by the book."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -4,8 +4,6 @@ In the object frame the front lies at z = axis depth - half the thickness and lo
 view 0; the back lies behind it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

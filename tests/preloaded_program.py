@@ -1,7 +1,5 @@
 """Imported by the process that programs are forked from: the page's libraries, and the compiled kernels."""
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, before numpy is imported

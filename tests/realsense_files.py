@@ -1,7 +1,5 @@
 """RealSense recordings written without a camera: pyrealsense2's software device and a computed scene."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import sqlite3

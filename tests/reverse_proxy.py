@@ -1,7 +1,5 @@
 """A reverse proxy in front of the page, as nginx, jupyter-server-proxy or a server that ends TLS is."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import socket

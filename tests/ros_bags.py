@@ -1,7 +1,5 @@
 """ROS recordings of a few pixels, written by rosbags: ROS 1 bags, and ROS 2 as MCAP or SQLite."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

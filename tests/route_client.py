@@ -1,7 +1,5 @@
 """Asks routes, or a whole application, without a server."""
 
-from __future__ import annotations
-
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
 

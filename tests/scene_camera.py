@@ -1,7 +1,5 @@
 """A camera that sees the turned cylinder of ``scenes``: the test turns it, and may pull the plug."""
 
-from __future__ import annotations
-
 import threading
 import time
 from pathlib import Path

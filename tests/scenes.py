@@ -1,7 +1,5 @@
 """Computed scenes with closed-form truth: what the numerics are tested on."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

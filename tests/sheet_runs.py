@@ -1,7 +1,5 @@
 """A sheet round a cylinder that is turned in steps, integrated step by step."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

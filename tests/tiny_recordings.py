@@ -1,7 +1,5 @@
 """Recordings of a few pixels, in memory and on disk; and of few views of a bundled one."""
 
-from __future__ import annotations
-
 import copy
 import json
 import shutil

@@ -4,8 +4,6 @@ View ``i`` sees the half of a cylinder that faces the camera; the flattened plan
 side, so every place has a closed form: ``u = radius * angle about the axis``, ``v = height``.
 """
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -14,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flatcloth.core.config import Config
-from flatcloth.core.errors import GarmentError, JournalError
+from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
 from flatcloth.engine.live import LiveFrame
 from flatcloth.engine.placing import RefinedScore
@@ -125,7 +123,6 @@ class CylinderIntegration:
         self.at_gate = threading.Event()
         self.error: Exception | None = None
         self.score_error: Exception | None = None
-        self.answers = 0
         self.reached = 0
         self._canonicals: dict[Any, Canonical] = {}
         self._overlays: dict[Any, FlattenedView] = {}
@@ -228,7 +225,6 @@ class CylinderIntegration:
         )
 
     def answer(self, document: Document, request: Request, progress: Progress) -> Event:
-        self.answers += 1
         progress(0.1, "working")
         self.at_gate.set()
         assert self.gate.wait(timeout=30), "the test never opened the gate"
@@ -271,18 +267,15 @@ class CylinderCamera:
 
 
 class MemoryFolder:
-    """What a session folder does, without a disk; ``full`` makes it refuse to write."""
+    """What a session folder does, without a disk."""
 
     def __init__(self, n_views: int = 12) -> None:
         self.state = SessionState(n_views=n_views)
         self.recorded: list[Any] = []
         self.picks: tuple[Pick, ...] = ()
-        self.full = False
         self._next = 1
 
     def record(self, command: Any) -> None:
-        if self.full:
-            raise JournalError("journal.jsonl: cannot be written (disk full). Free disk space and repeat it.")
         match command:
             case PickRenamed(pick_id, name):
                 self.picks = tuple(replace(p, name=name) if p.id == pick_id else p for p in self.picks)

@@ -1,7 +1,5 @@
 """Recordings from arrays: what is accepted, and what each refusal says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -101,30 +99,23 @@ COLOR, DEPTH = np.zeros((2, 240, 240, 3), np.uint8), np.ones((2, 240, 240))
     ("changes", "message"),
     [
         ({"angles_deg": []}, r"angles_deg: has the shape \(0,\)\. Give 1 to"),
-        ({"angles_deg": [[0.0, 20.0]]}, r"angles_deg: has the shape \(1, 2\)"),
-        ({"angles_deg": ["a", "b"]}, "angles_deg: is not made of finite numbers"),
         ({"angles_deg": [0.0, np.nan]}, "angles_deg: is not made of finite numbers"),
         ({"angles_deg": [10.0, 370.0]}, "angles_deg: view 1 has the angle of view 0"),
         ({"angles_deg": [[0.0], [1.0, 2.0]]}, "angles_deg: has rows of different lengths"),
         ({"color": COLOR[:1]}, "color: has 1 images for 2 angles"),
         ({"color": COLOR / 255}, r"color\[0\]: has the type float64"),
-        ({"color": COLOR[..., :1]}, r"color\[0\]: .* Give uint8 \(H, W, 3\), RGB"),
         ({"color": [COLOR[0], COLOR[1, :100]]}, r"color\[1\]: has the shape .* Give 240 x 240 pixels"),
         ({"depth": DEPTH[:1]}, "depth: has 1 images for 2 angles"),
         ({"depth": DEPTH[:, :100]}, r"depth\[0\]: has the shape \(100, 240\)"),
-        ({"depth": DEPTH[..., None]}, r"depth\[0\]: has the type float64 and the shape"),
         ({"depth": DEPTH > 0}, r"depth\[0\]: has the type bool"),
         ({"depth": -DEPTH}, r"depth\[0\]: has negative values"),
         ({"depth": 0 * DEPTH}, r"depth\[0\]: has no depth, every pixel is 0"),
         ({"depth": 850 * DEPTH}, r"depth\[0\]: is mostly beyond 100 m\. Give depth_scale_m"),
         ({"depth_scale_m": 0.0}, "depth_scale_m: is 0"),
-        ({"depth_scale_m": 1000.0}, "depth_scale_m: is 1000"),
         ({"masks": DEPTH[:1] > 0}, "masks: has 1 images for 2 angles"),
         ({"masks": DEPTH}, r"masks\[0\]: has the type float64"),
         ({"masks": DEPTH[:, 1:] > 0}, r"masks\[0\]: has the shape \(239, 240\)"),
         ({"intrinsics": np.eye(4)}, r"intrinsics: is no camera matrix\. Give \[\[fx, 0, cx\]"),
-        ({"intrinsics": K.T}, "intrinsics: is no camera matrix"),
-        ({"intrinsics": np.full((3, 3), np.nan)}, "intrinsics: is not made of finite numbers"),
         ({"intrinsics": np.eye(3)}, "intrinsics: fx is 1"),
         (
             {"intrinsics": flatcloth.Intrinsics(width=9, height=9, fx=9, fy=9, cx=4, cy=4)},
@@ -135,7 +126,6 @@ COLOR, DEPTH = np.zeros((2, 240, 240, 3), np.uint8), np.ones((2, 240, 240))
         ({"rotation_axis": ((0, 0, 0.85), (0, 0, 1))}, "is that in which the camera looks"),
         ({"rotation_axis": ((0, 0, 850.0), (0, -1, 0))}, "rotation_axis point: is no point near the camera"),
         ({"held_point_m": (0, 0)}, "held_point_m: is no point near the camera"),
-        ({"held_point_m": (0, 0, "x")}, "held_point_m: is not made of finite numbers"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused_with_its_name(changes: dict[str, Any], message: str) -> None:

@@ -1,7 +1,5 @@
 """Integration by the public functions: what comes out, what is written, how it is stopped."""
 
-from __future__ import annotations
-
 import math
 import threading
 from pathlib import Path
@@ -13,9 +11,8 @@ from exported_sessions import write_cylinder
 from scenes import Cylinder
 
 import flatcloth
-from flatcloth.core.errors import ConfigError, JournalError
+from flatcloth.core.errors import JournalError
 from flatcloth.engine.integration import Integration
-from flatcloth.grasping.hand_eye import HandEyeError
 from flatcloth.session.kept import read_summary
 
 ANGLES_DEG = (-25.0, 0.0, 25.0)
@@ -75,17 +72,6 @@ def test_the_grasp_of_a_pixel_lies_on_its_point(shape: flatcloth.Shape) -> None:
     assert np.allclose(into_cloth, -shape.normal[row, col], atol=1e-5)
 
 
-def test_a_grasp_beside_the_cloth_is_refused(shape: flatcloth.Shape) -> None:
-    row, col = np.argwhere(~np.pad(shape.valid, 1))[0] - 1
-    with pytest.raises(flatcloth.FlatclothError, match=r"no cloth there; choose one where valid is True"):
-        shape.grasp(row, col)
-    with pytest.raises(flatcloth.FlatclothError, match=r"piece 0: the shape has 0 floating pieces"):
-        shape.grasp(0, 0, piece=0)
-    row, col = np.argwhere(shape.valid)[0]
-    with pytest.raises(flatcloth.FlatclothError, match="A gripper opens"):
-        shape.grasp(row, col, opening_m=40.0)
-
-
 def test_points_and_grasps_of_a_garment_lie_on_its_cloth(shape: flatcloth.Shape) -> None:
     garment = shape.garment()
     assert 0.0 <= garment.probability <= 1.0
@@ -98,18 +84,6 @@ def test_points_and_grasps_of_a_garment_lie_on_its_cloth(shape: flatcloth.Shape)
         )
     with pytest.raises(flatcloth.GarmentError, match="tail: no named point of this garment that was seen"):
         shape.grasp_point("tail")
-
-
-def test_one_view_is_no_garment() -> None:
-    with pytest.raises(flatcloth.GarmentError, match="one view"):
-        flatcloth.integrate(Cylinder()).garment()  # type: ignore[arg-type]  # any class with its members
-
-
-def test_both_methods_are_offered_and_others_refused() -> None:
-    assert flatcloth.method_names() == ("robust", "paper")
-    assert flatcloth.integrate(cylinder(), method="paper").placement_std_m is None
-    with pytest.raises(ConfigError, match="Unknown method 'best'"):
-        flatcloth.integrate(cylinder(), method="best")
 
 
 def test_each_view_is_reported_with_the_shape_so_far_and_progress_is_told_until_it_is_cancelled() -> None:
@@ -176,16 +150,6 @@ def test_the_files_are_those_of_run_and_can_be_read(shape: flatcloth.Shape, tmp_
     (tmp_path / "file").write_text("")
     with pytest.raises(flatcloth.FlatclothError, match="cannot be written"):
         shape.write(tmp_path / "file")
-
-
-def test_a_hand_eye_transform_is_a_rigid_motion(shape: flatcloth.Shape, tmp_path: Path) -> None:
-    shape.write(tmp_path, base_from_camera=np.eye(4))
-    assert '"base_from_camera": [' in (tmp_path / "grasps.json").read_text()
-    shape.write(tmp_path, base_from_camera=flatcloth.Rigid3(np.eye(3), np.zeros(3)))
-    with pytest.raises(HandEyeError, match="4 rows of 4 finite numbers"):
-        shape.write(tmp_path, base_from_camera=np.eye(3))
-    with pytest.raises(HandEyeError, match="scales or shears"):
-        shape.write(tmp_path, base_from_camera=np.diag([2.0, 1.0, 1.0, 1.0]))
 
 
 def test_the_files_do_not_depend_on_the_number_of_cores(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """A shape in a notebook: the picture of a cell, and the widget, by what it says to the browser."""
 
-from __future__ import annotations
-
 import base64
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The public names: all there, documented, and loaded only when they are used."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Batches of real integrations: results, resuming, and tasks that fail, crash, hang or fill the memory."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -33,7 +31,7 @@ ROOT = Path(__file__).parents[2]
 def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three recordings, the last of which is damaged."""
     folder = write_cylinders(tmp_path_factory.mktemp("sources"), "abc")
-    image = folder / "c/color/2.png"
+    image = folder / "c/color/002.png"
     image.write_bytes(image.read_bytes()[:100])
     return folder
 
@@ -80,7 +78,7 @@ def test_a_batch_makes_sessions_and_a_table_and_goes_on_where_it_was(
     # What is done is not done again; what failed is tried again, and is told again. Others may be added.
     times = began(out)
     repaired = shutil.copytree(sources / "c", tmp_path / "repaired")
-    shutil.copy(sources / "a/color/2.png", repaired / "color/2.png")
+    shutil.copy(sources / "a/color/002.png", repaired / "color/002.png")
     listed = {name: sources / name for name in "abc"} | {"c2": repaired, "nowhere": tmp_path / "nowhere"}
     list_file, few = tmp_path / "list.jsonl", tmp_path / "few.jsonl"
     lines = [json.dumps({"source": str(source), "name": name}) for name, source in listed.items()]
@@ -95,7 +93,7 @@ def test_a_batch_makes_sessions_and_a_table_and_goes_on_where_it_was(
     assert "truncated or damaged" in tried["earlier"]
     assert rows(out)["nowhere"]["outcome"] == "failed"
     assert "No such file" in rows(out)["nowhere"]["reason"]
-    os.utime(repaired / "color/1.png", ns=(1, 1))  # the same images
+    os.utime(repaired / "color/001.png", ns=(1, 1))  # the same images
     few.write_text(lines[3])
     assert main(["batch", str(few), "--out", str(out), "--jobs", "1"]) == 0
     assert rows(out)["c2"]["outcome"] == "done"

@@ -1,31 +1,24 @@
 """The page of a batch as a file and as served: order, what it holds, verdicts, and who may use it."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
 import re
 import shlex
-import socket
-import subprocess
-import sys
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 import uvicorn
-from exported_sessions import write_cylinder
 from full_disks import fill_disk
 from route_client import RouteClient
 
 from flatcloth.batch.report import command_of, decide, read_verdicts, reliability, report_html, write_report
 from flatcloth.batch.rows import FORMAT, write_row
 from flatcloth.cli import main
-from flatcloth.core.errors import FlatclothError, JournalError
+from flatcloth.core.errors import JournalError
 from flatcloth.viewer.server.guard import Guard, own_names
 from flatcloth.viewer.server.review import SessionPage, review_app
 
@@ -48,7 +41,6 @@ def out(tmp_path: Path) -> Path:
 
 def data_of(html: str) -> dict[str, Any]:
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
-    assert found is not None
     data: dict[str, Any] = json.loads(found[1])
     return data
 
@@ -241,7 +233,6 @@ def test_served_it_needs_the_token_of_the_printed_address(
     monkeypatch.setattr("flatcloth.viewer.server.limits.uvicorn.Server", Server)
     assert main(["batch", str(out), "--review", "--port", "0"]) == 0
     found = re.search(r"http://127\.0\.0\.1:\d+(/\?token=(\S+))", capsys.readouterr().out)
-    assert found is not None
     assert main(["batch", str(out), "--review", "--port", "0", "--json"]) == 0
     line = json.loads(capsys.readouterr().out)
     assert line["token"] == found[2]
@@ -258,42 +249,6 @@ def test_served_it_needs_the_token_of_the_printed_address(
     cookie = entered.headers["set-cookie"].split(";")[0]
     for header in ({"Cookie": cookie}, {"Authorization": f"Bearer {found[2]}"}):
         assert client.get("/", headers=header).status_code == 200
-
-
-def test_a_review_opens_sessions_one_after_the_other_and_ends_with_them(out: Path, tmp_path: Path) -> None:
-    """And has the limits of the operator page: half a request is not waited for."""
-    for name in "ac":
-        write_cylinder(tmp_path / "data" / name, name)
-    assert main(["batch", str(tmp_path / "data"), "--out", str(tmp_path / "b")]) == 0
-    review = subprocess.Popen(
-        [sys.executable, "app.py", "batch", str(tmp_path / "b"), "--review", "--port", "0"],
-        cwd=Path(__file__).parents[2], stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    try:
-        assert review.stdout is not None
-        found = re.search(
-            r"(http://127\.0\.0\.1:(\d+))/\?token=(\S+)", review.stdout.readline() + review.stdout.readline()
-        )
-        assert found is not None
-        bearer = {"Authorization": f"Bearer {found[3]}"}
-        for name in "aac":
-            opened = httpx.post(f"{found[1]}/open", json={"name": name}, headers=bearer, timeout=120)
-            page, _, token = opened.json()["url"].partition("?token=")
-            here = httpx.get(f"{page}start/places.json", headers={"Authorization": f"Bearer {token}"})
-            assert here.json()["current"] == name
-        with socket.create_connection(("127.0.0.1", int(found[2])), timeout=30) as half:
-            half.sendall(b"GET / HTTP/1.1\r\n")
-            assert b"408" in half.recv(1000)
-    finally:
-        review.terminate()
-        assert review.wait(timeout=60) in (0, 130)
-        review.stdout.close()
-
-
-def test_a_session_that_is_not_there_is_told(tmp_path: Path) -> None:
-    sessions = SessionPage(lambda _chosen, _current: None)
-    with pytest.raises(FlatclothError, match=r"session\.json"):
-        sessions.address(tmp_path)
 
 
 def test_the_report_command_writes_the_page(out: Path, capsys: pytest.CaptureFixture[str]) -> None:

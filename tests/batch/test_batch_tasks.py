@@ -1,7 +1,5 @@
 """From sources to tasks: what each kind of source gives, the names, and when a task is still the same."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -38,12 +36,6 @@ def test_folders_patterns_and_recordings_give_tasks_in_order(data: Path) -> None
     assert names(data / "b", data / "a", data) == ["b", "a", "c-d"]  # none twice
     assert tasks(data / "a")[0].source == str((data / "a").resolve())
     assert names("shirt-corner-d435") == ["shirt-corner-d435"]
-
-
-def test_what_is_no_recording_is_told(data: Path, tmp_path: Path) -> None:
-    for source, cause in ((tmp_path / "nowhere", "no such file"), (f"{data}/x*", "nothing matches")):
-        with pytest.raises(FlatclothError, match=cause):
-            tasks(source)
 
 
 def test_a_csv_manifest_has_options_as_columns(data: Path) -> None:

@@ -1,7 +1,5 @@
 """Views of a bundled recording, made small, as users of other programs keep them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -97,7 +95,6 @@ def half_views() -> tuple[dict[str, float], list[tuple[Any, Any, Any]]]:
     for n in range(len(recording)):
         frame = recording[n]
         color = cv2.resize(frame.color, None, fx=1 / HALF, fy=1 / HALF, interpolation=cv2.INTER_AREA)
-        assert frame.mask is not None
         views.append(
             (color[..., ::-1], millimetres(frame, HALF), 255 * frame.mask[::HALF, ::HALF].astype(np.uint8))
         )

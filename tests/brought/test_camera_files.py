@@ -1,7 +1,5 @@
 """Camera files as other programs write them (``cameras/``): each word is used, or named."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

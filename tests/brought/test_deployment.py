@@ -1,7 +1,5 @@
 """The page behind proxies, and the program where nothing but its output can be written."""
 
-from __future__ import annotations
-
 import queue
 import re
 import socket
@@ -99,12 +97,9 @@ class Browser:
 
 WAYS = {
     "keeps Host": (f"http://{LAB}/", Proxy()),
-    "keeps Host, another port": (f"http://{LAB}:18991/", Proxy()),
     "nginx, which sets Host": (f"http://{LAB}:18992/", Proxy(keeps_host=False)),
     "sub-path removed": (f"http://{LAB}{HUB}/", Proxy(HUB)),
-    "sub-path removed, Host set": (f"http://{LAB}{HUB}/", Proxy(HUB, keeps_host=False)),
     "sub-path kept": (f"http://{LAB}{HUB}/", Proxy(HUB, removes_path=False)),
-    "sub-path kept, Host set": (f"http://{LAB}{HUB}/", Proxy(HUB, removes_path=False, keeps_host=False)),
     "sub-path without a slash at its end": (f"http://{LAB}/cloth", Proxy("/cloth")),
     "TLS": (f"https://{LAB}/", Proxy()),
     "TLS, sub-path, another port, Host set": (f"https://{LAB}:8443/a/b/", Proxy("/a/b", keeps_host=False)),
@@ -173,31 +168,6 @@ def test_what_was_not_declared_is_refused_in_words(
         answer = browser.get("static/main.js", Authorization=f"Bearer {server.token}", **headers)
     assert answer.status_code == 403
     assert words in answer.text
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        ["--public-url", LAB],
-        ["--public-url", f"ftp://{LAB}/"],
-        ["--public-url", f"https://me@{LAB}/"],
-        ["--public-url", f"https://{LAB}/?token=x"],
-        ["--public-url", f"https://{LAB}:99999/"],
-        ["--public-url", "https://[::1/"],
-        ["--public-url", "https:///cloth/"],
-        ["--public-url", f"https://{LAB}/", "--no-token"],
-        ["--session", "/proc/none/session"],
-    ],
-    ids=" ".join,
-)
-def test_what_cannot_be_is_one_line(
-    options: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.delenv("FLATCLOTH_TOKEN", raising=False)
-    assert main(["view", SAMPLE, "--port", "0", *options]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert options[1] in line
-    assert re.search("give it as the browser shows it|would admit everybody|Choose a writable folder", line)
 
 
 def test_a_folder_for_temporary_files_that_cannot_be_written_is_one_line(

@@ -1,7 +1,5 @@
 """Streams that lost frames, count from other starts or have clocks of their own: pairs as the names say."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """ROS recordings as people bring them: read like the plain one, or one true line names the encoding."""
 
-from __future__ import annotations
-
 import shutil
 import struct
 from collections.abc import Callable, Sequence
@@ -194,7 +192,6 @@ def rewritten(
         writer.start(profile, library="other")
         channels: dict[str, int] = {}
         for about, channel, message in make_reader(old).iter_messages():
-            assert about is not None
             if channel.topic not in channels:
                 number = writer.register_schema(schema[1](about.name), schema[0], b"" if only else about.data)
                 channels[channel.topic] = writer.register_channel(channel.topic, encoding, number)

@@ -1,7 +1,5 @@
 """A program that is told to stop, wherever it is, ends with one line and its exit code."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

@@ -1,7 +1,5 @@
 """Angles and depth in other units than they are read in: the true factor is named, or nothing is right."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

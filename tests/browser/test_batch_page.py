@@ -134,11 +134,9 @@ def review(night: Path) -> Iterator[str]:
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert process.stdout is not None
     try:
         line = next(line for line in process.stdout if "http://" in line)
         found = re.search(r"http://\S+", line)
-        assert found is not None
         yield found.group()
     finally:
         process.terminate()

@@ -71,7 +71,6 @@ class Offline:
 
     def on_cloud(self, point_m: list[float]) -> tuple[float, float]:
         box = self.page.locator("#cloud").bounding_box()
-        assert box is not None
         at = self.page.evaluate("(p) => flatcloth.cloud.toScreen(p)", point_m)
         return box["x"] + at["x"], box["y"] + at["y"]
 

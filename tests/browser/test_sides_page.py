@@ -41,7 +41,6 @@ def tab(open_tab):
 
 def middle(tab) -> tuple[float, float]:
     box = tab.page.locator("#source-canvas").bounding_box()
-    assert box is not None
     return box["x"] + 0.5 * box["width"], box["y"] + 0.35 * box["height"]
 
 

@@ -125,24 +125,6 @@ def test_all_stages_by_keyboard(open_lesson, width, height, scheme):
         lesson.drawn(stage)
 
 
-def test_the_minimisation_plays_beside_its_energy(open_lesson):
-    lesson = open_lesson().open()
-    lesson.go(MINIMISATION)
-    first = lesson.fact("H now")
-    assert lesson.fact("Iteration").startswith("0 of")
-    lesson.page.keyboard.press("k")
-    lesson.until("t.playing && t.time > 0.2")
-    lesson.page.keyboard.press("k")
-    lesson.drawn(MINIMISATION)
-    now = lesson.changed("H now", first)
-    slider = lesson.page.get_by_label("Place in the animation")
-    slider.press("End")  # at its own pace it takes seconds
-    energies = [float(each.split()[0]) for each in (first, now, lesson.changed("H now", now))]
-    assert energies == sorted(energies, reverse=True)
-    slider.press("Home")
-    lesson.until("t.time === 0")
-
-
 def test_sliders_and_panes_show_what_they_change(open_lesson):
     lesson = open_lesson()
     # Keys of the teaching mode say where they belong.

@@ -1,7 +1,5 @@
 """Cameras: a file in the place of one, the real one over a played file, and what they may show wrong."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from types import SimpleNamespace

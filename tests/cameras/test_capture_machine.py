@@ -1,7 +1,5 @@
 """The guided capture, as a state machine and with a folder; no camera, no clock."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -201,7 +199,6 @@ def test_kept_views_are_on_disk_before_the_next(tmp_path: Path) -> None:
         rig.see(30)
         assert rig.guided.state.phase is Phase.REVIEW
         taken = rig.guided.taken
-        assert taken is not None
         assert (taken.frames, taken.warnings) == (10, ())
         assert 0.5 < taken.noise_mm < 1.5  # the scene's noise is 1.1 mm
         rig.guided.keep()
@@ -241,7 +238,6 @@ def test_a_repeated_view_has_its_own_frames_only(tmp_path: Path) -> None:
     rig.see(10, speed_deg_s=20.0)  # it was not where it should be
     rig.see(30)
     taken = rig.guided.taken
-    assert taken is not None
     assert taken.frames == 10
     true, _ = Cylinder(angles_deg=(20.0,)).surface(0)
     cloth = np.isfinite(true) & (taken.depth_m < 1.2)

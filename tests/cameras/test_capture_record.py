@@ -1,7 +1,5 @@
 """The command ``record``, with a played file as the camera and a list of answers as the operator."""
 
-from __future__ import annotations
-
 import io
 import json
 import sys
@@ -71,14 +69,12 @@ def test_each_stop_of_a_turned_item_becomes_a_view(
     assert (read.name, read.angles_deg) == ("coat", (0.0, 10.0, 20.0))
     # It has no masks: as ``view`` opens it, the side of interest is found in all that was captured.
     integration = Integration(read, segmenter=prepare)
-    assert integration.views.sides is not None
     found = integration.views.sides.solver().solve(())
     assert sorted(found.observed.views) == [0, 1, 2]
     assert found.area_of_interest_m2 > 0.01
     for n in range(3):
         mask, depth_m = found.mask(n), read[n].depth_m
         before_wall = (depth_m > 0) & (depth_m < 1.4)
-        assert mask is not None
         assert not (mask & ~before_wall).any()
         assert mask.sum() > 0.8 * before_wall.sum()
 

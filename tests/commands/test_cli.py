@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import shutil
 import signal
@@ -16,6 +14,7 @@ from flatcloth import __version__
 from flatcloth.cli import main
 from flatcloth.export.data import read_shape
 from flatcloth.methods.registry import method_names
+from flatcloth.session.header import read_header
 
 ROOT = Path(__file__).parents[2]
 COMMANDS = ("view", "run", "export", "evaluate", "import", "record", "synthesize")
@@ -82,23 +81,55 @@ def test_a_run_is_told_as_json_or_with_a_line_a_view(
         assert line not in short
 
 
+LAB = "lab.example.org"
+REFUSED = [
+    *((words, "no-such-recording") for words in (
+        ["run", "no-such-recording", "--out", "out"], ["evaluate", "no-such-recording"],
+        ["view", "no-such-recording"], ["no-such-recording"],
+    )),
+    (["rnu", "x", "--out", "y"], "did you mean 'flatcloth run'?"),
+    (["run", "shirt-slev-clean", "--out", "y"], "Did you mean the bundled shirt-sleeve-clean?"),
+    (["view", "--camera"], "No RealSense camera is connected"),
+    (["view", "--camera", "none.db3"], "no such file"),
+    (["view", "shirt-sleeve-clean", "--camera"], "shirt-sleeve-clean: --camera shows a camera"),
+    (["view", "--camera", "--step", "0"], "step of 0"),
+    (["view", "--camera", "--frames", "2"], "2 frames per view"),
+    (["view", "--out", "x"], "--out needs --camera"),
+    (["view", "--resume"], "--resume needs --camera"),
+    (["view", "--camera", "--cell"], "it does not go with --"),
+    (["view", "shirt-sleeve-clean", "--cell"], "it does not go with --"),
+    # A token that nobody would see.
+    (["view", "--host", "0.0.0.0", "--port", "0", "--quiet"], "--token-file or FLATCLOTH_TOKEN"),
+    (["view", "--port", "0", "--public-url", f"https://{LAB}/", "--no-token"], "would admit everybody"),
+    *((["view", "--port", "0", "--public-url", url], f"{url!r}: not the address of a page") for url in (
+        LAB, f"ftp://{LAB}/", f"https://me@{LAB}/", f"https://{LAB}/?token=x", f"https://{LAB}:99999/",
+        "https://[::1/", "https:///cloth/",
+    )),
+    (["view", "shirt-sleeve-clean", "--port", "0", "--session", "/proc/none/s"], "Choose a writable folder"),
+    (["active", "--out", "out"], "active needs --cell"),
+    (["active", "--out", "out", "--cell", "no.obj"], "no such file"),
+    (["active", "--out", "out", "--cell", "--goal", "points:nose"], "no known garment has these points"),
+    (["active", "--out", "out", "--cell", "--budget", "many"], "--budget 'many'"),
+    (["active", "--out", "out", "--cell", "--within", "0"], "--within 0"),
+]  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    "arguments",
-    [
-        ["run", "no-such-recording", "--out", "out"],
-        ["evaluate", "no-such-recording"],
-        ["view", "no-such-recording"],
-        ["no-such-recording"],
-    ],
+    ("arguments", "said"), REFUSED, ids=lambda given: " ".join(given) if isinstance(given, list) else ""
 )
-def test_bad_input_is_one_line_and_exit_code_2(
-    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_what_cannot_be_is_one_line_and_exit_code_2(
+    arguments: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.delenv("FLATCLOTH_TOKEN", raising=False)
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     error = capsys.readouterr().err
     assert error.startswith("flatcloth: ")
-    assert "no-such-recording" in error
+    assert said in error
     assert error.count("\n") == 1
 
 
@@ -124,25 +155,13 @@ def test_wrong_options_exit_with_2_and_the_usage_of_their_command(
     assert meant in said
 
 
-def test_a_mistyped_command_or_bundled_name_is_told_which_is_meant(
+def test_a_recording_may_be_called_as_no_command_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["rnu", "x", "--out", "y"]) == 2
-    assert "did you mean 'flatcloth run'?" in capsys.readouterr().err
-    assert main(["run", "shirt-slev-clean", "--out", "y"]) == 2
-    assert "Did you mean the bundled shirt-sleeve-clean?" in capsys.readouterr().err
-    (tmp_path / "rnu").mkdir()  # a recording may be called so
+    (tmp_path / "rnu").mkdir()
     assert main(["rnu"]) == 2
     assert "recording.json" in capsys.readouterr().err
-
-
-def test_a_token_that_nobody_would_see_is_refused(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("FLATCLOTH_TOKEN", raising=False)
-    assert main(["view", "--host", "0.0.0.0", "--port", "0", "--quiet"]) == 2
-    assert "--token-file or FLATCLOTH_TOKEN" in capsys.readouterr().err
 
 
 def test_errors_are_in_the_log_file_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -245,7 +264,6 @@ def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> No
         # Tests that run as a background job of a shell ignore Ctrl-C, and so would what they start.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    assert running.stdout is not None
     said = running.stdout.readline()
     answer = httpx.get(json.loads(said)["url"]) if said else None
     running.send_signal(signal.SIGINT)
@@ -260,3 +278,32 @@ def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> No
     assert running.returncode in (0, 130)  # not by a signal, though threads may still compute
     assert "Traceback" not in rest + errors
     assert (tmp_path / "s" / "session.json").is_file()
+
+
+# --- check -----------------------------------------------------------------------------------------
+
+
+NAME = "shirt-corner-d435"
+
+
+def test_a_finding_is_one_line_with_its_mend_and_a_picture(capsys, tmp_path):
+    assert main(["check", NAME, "--angle-factor", "0.5", "--pictures", str(tmp_path / "why")]) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].endswith("Mended by --angle-factor 2.")
+    assert (tmp_path / "why" / "factor.png").stat().st_size > 1000
+
+
+def test_run_stops_at_what_is_certain_and_names_the_option(capsys, tmp_path):
+    assert main(["run", NAME, "--reverse", "--out", str(tmp_path / "out")]) == 2
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "Mended by --reverse or --mirror, or go on with --as-recorded." in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_mend_stays_with_its_session(capsys, tmp_path):
+    given = ["run", str(write_cylinder(tmp_path / "few")), "--out", str(tmp_path / "out"), "--sides", "one"]
+    assert main([*given, "--view-angles", "1=30.5"]) == 0
+    assert read_header(tmp_path / "out").recording.options["view_angles"] == [[1, 30.5]]
+    assert main(given) == 0, "it is continued with the same mends"
+    assert main([*given, "--reverse"]) == 2
+    assert "belongs to another recording" in capsys.readouterr().err

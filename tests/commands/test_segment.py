@@ -1,7 +1,5 @@
 """``segment`` and ``run`` on a recording without masks, from the command line."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -108,17 +106,11 @@ ON_CLOTH = {
         (None, "strokes.json: missing, or not a file. Restore it"),
         ("no json", "not valid JSON"),
         ('{"format": "other"}', 'its "format" must be "flatcloth-strokes/1"'),
-        ('{"format": "flatcloth-strokes/1", "decisions": 3}', '"decisions" must be a list'),
         (decisions({"kind": "dab"}), r"decisions\[0\]: no stroke or cut"),
-        (decisions({"kind": []}), "no stroke or cut"),
         (decisions(ON_IMAGE | {"side": "left"}), r"""side is 'left'; expected one of "this" and "other"."""),
-        (decisions(ON_IMAGE | {"points_rc": [[1, float("nan")]]}), r"rc\[0\]\[1\] is not a finite number"),
         (decisions(ON_IMAGE | {"view_index": 44}), "decision 1: view 44 does not exist"),
         (decisions(ON_IMAGE | {"points_rc": [[119, 119], [1e300, 0]]}), r"points_rc\[1\]\[0\] is 1e\+300"),
-        (decisions(ON_CLOTH | {"points_m": [[0, 0, 0.7], [1e300, 0, 0]]}), r"points_m\[1\]\[0\] is 1e"),
-        (decisions(ON_CLOTH | {"normals": [[0, 0, -1], [0, 0, -1e200]]}), r"normals\[1\]\[2\] is -1e"),
         (decisions(ON_CLOTH | {"normals": [[0, 0, 0]] * 2}), "no cloth under it"),
-        (decisions(ON_CLOTH | {"radius_m": 1e-300}), "no cloth under it"),
         (decisions(ON_CLOTH | {"points_m": [[900.0, 0, 0], [900.0, 0, -900.0]]}), "no cloth under it"),
     ],
 )  # fmt: skip

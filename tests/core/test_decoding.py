@@ -1,7 +1,5 @@
 """What others wrote is read as its type, or refused with the place, what stands there and what should."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

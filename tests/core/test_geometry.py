@@ -1,7 +1,5 @@
 """Back-projection, rotation about the axis and Z-angles, against closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

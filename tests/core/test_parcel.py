@@ -1,7 +1,5 @@
 """The container of JSON and arrays: what goes in comes out."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of somebody else are read only if they are files, and only so much of them."""
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Callable

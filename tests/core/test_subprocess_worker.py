@@ -1,7 +1,5 @@
 """Work in a process of its own: what it answers arrives, and its death is only an error."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import time

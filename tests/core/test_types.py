@@ -1,7 +1,5 @@
 """The rigid motions of the plane, and the grid of a flattened view."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Both sides of a bundled garment: the other side is found, joined, scored and written."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -110,13 +108,6 @@ def test_with_one_side_nothing_of_the_other_is_left(shape, tmp_path: Path):
     assert not any("Other side" in line for line in one.lines())
     assert not list(tmp_path.glob("*other*"))
     assert "other_side" not in json.loads((tmp_path / "outcome.json").read_text())
-
-
-def test_the_papers_method_has_one_side(place: str):
-    integration = Integration(open_recording(place), method="paper")
-    assert GarmentService(integration).joined(Document(start_view=0)) == (
-        "Only one side is in the shape: the method paper integrates one."
-    )
 
 
 def test_masks_that_name_both_sides_are_taken_as_they_are(place: str):

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -11,7 +9,7 @@ from sheet_runs import integration as sheet_integration
 from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.errors import FlatclothError, FlatteningError
 from flatcloth.core.types import Rigid2, RotationAxis
-from flatcloth.engine.headless import Run, accept_by_score
+from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
@@ -26,7 +24,6 @@ from flatcloth.session.machine import (
     Nudge,
     Phase,
     Propose,
-    Proposed,
     Reject,
     SessionState,
     Start,
@@ -68,7 +65,6 @@ def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
     state = done(made, started(made, 0), Propose())
     document = state.document
     proposal = made.proposal(document)
-    assert proposal.plan is not None
     assert proposal.plan.view_index == proposal.view_index
     assert proposal.alignment.correspondence is not None
     overlay = made.overlay(document)
@@ -95,17 +91,6 @@ def test_a_nudge_moves_the_overlay_which_is_made_once_for_each_place_and_lowers_
     assert apply(nudged, Accept(view)).document.accepted[-1].fixed
 
 
-def test_any_view_can_be_asked_for_by_hand() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose(2))
-    pending = state.document.pending
-    assert pending is not None
-    assert (pending.view_index, pending.side) == (2, Side.LEFT)
-    state = done(made, started(made, 0), Propose(17))
-    assert state.document.pending.side is Side.RIGHT  # type: ignore[union-attr]
-    assert made.proposal(state.document).plan is None
-
-
 def test_a_view_of_the_other_side_is_passed_over_with_its_reason() -> None:
     made = integration(span_deg=(-60.0, 60.0), angles_deg=(0.0, 160.0, 200.0))
     state = done(made, started(made, 0), Propose())
@@ -128,19 +113,6 @@ def test_unsure_refusals_lead_to_another_view_and_an_end() -> None:
     assert state.phase is Phase.FINISHED
 
 
-def test_the_policy_goes_by_the_score() -> None:
-    made = shared("paper")
-    state = done(made, started(made, 0), Propose())
-    assert isinstance(accept_by_score(made, state), Accept)
-    proposed = Proposed(99, 3, Rigid2(), Side.LEFT, 0.1)
-    low = apply(apply(started(made, 0), Propose()), proposed)
-    assert low.document.pending is None  # another token: ignored
-    request = apply(started(made, 0), Propose()).request
-    assert request is not None
-    low = apply(apply(started(made, 0), Propose()), Proposed(request.token, 3, Rigid2(), Side.LEFT, 0.1))
-    assert accept_by_score(made, low) == Reject(3, UNSURE)
-
-
 def test_without_masks_or_axis_the_notes_say_so() -> None:
     made = Integration(Cylinder(angles_deg=(0.0,), masks=False, rotation_axis=None, held_point_m=None))
     assert made.axis.estimated
@@ -155,7 +127,6 @@ def test_without_masks_or_axis_the_notes_say_so() -> None:
 
 def one_accepted(made: Integration) -> SessionState:
     state = done(made, started(made, 0), Propose())
-    assert state.document.pending is not None
     return apply(state, Accept(state.document.pending.view_index))
 
 
@@ -163,7 +134,6 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
     made = shared("robust")
     state = one_accepted(made)
     whole, cloth = made.canonical(state.document), made.cloth(state.document)
-    assert cloth is not None
     placed = np.isfinite(cloth.uv_m[:, 0])
     part = placed & (cloth.uv_m[:, 1] > np.nanpercentile(cloth.uv_m[:, 1], 70))
     decision = decided_part(cloth, part, 0.2, taken_off=True)
@@ -175,7 +145,6 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
     assert piece.area_m2 == pytest.approx(0.3 * whole.view.area_m2, rel=0.15)
     assert piece.area_m2 + shape.view.area_m2 == pytest.approx(whole.view.area_m2, rel=0.02)
     rest = made.cloth(off.document)
-    assert rest is not None
     assert (np.isnan(rest.uv_m[part, 0])).mean() > 0.9
     before, after = (pixel_counts(made, each.document) for each in (state, off))
     assert before["floating"] == 0
@@ -191,8 +160,6 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     made = shared("robust")
     state = one_accepted(made)
     whole, cloth = made.canonical(state.document).view, made.cloth(state.document)
-    assert cloth is not None
-    assert whole.placement_std_m is not None
     middle = np.nanpercentile(cloth.uv_m[:, 1], 70)
     elsewhere = GarmentPlace(Rigid2(0.0, 0.5, 0.0), 0.5, 1.0, 0.0)
     link = DoubtedLink(part=cloth.uv_m[:, 1] > middle, probability=0.84, area_m2=0.01, place=elsewhere)
@@ -201,7 +168,6 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
         state, DecideLink(decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m))
     )
     view = made.canonical(doubted.document).view
-    assert view.placement_std_m is not None
     np.testing.assert_array_equal(view.valid, whole.valid)
     below = whole.uv_from_rc(np.argwhere(view.valid))[:, 1] > middle + 0.02
     above = whole.uv_from_rc(np.argwhere(view.valid))[:, 1] < middle - 0.02
@@ -210,7 +176,6 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     np.testing.assert_array_equal(std[above], before[above])
     kept = apply(doubted, DecideLink(decided_part(cloth, link.part, link.probability, taken_off=False)))
     same = made.canonical(kept.document).view.placement_std_m
-    assert same is not None
     np.testing.assert_array_equal(same[view.valid], before)
 
 

@@ -162,7 +162,6 @@ def test_a_decision_is_about_the_shape_that_was_shown(cloth) -> None:
     kept = service.decision(DecideJoint(revision=3, index=0, cut=False))
     assert (kept.part.taken_off, kept.part.by_hand, kept.place) == (False, True, None)
     laid = service.decision(DecideJoint(revision=3, index=0, cut=True, place=(0.0, 0.1, 0.2)))
-    assert laid.place is not None
     assert np.allclose(np.array(laid.place.piece.uv_m) - laid.part.part.uv_m, (0.1, 0.2))
     assert (laid.place.by_hand, laid.place.shape) == (True, laid.part.rest)
     for revision, index in ((2, 0), (3, 1)):

@@ -1,7 +1,5 @@
 """Repair of a placement: pairs of points against closed forms, refinement from where it lies."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,9 +7,11 @@ from hypothesis import strategies as st
 from sheet_runs import STEPS, done, shared
 
 from flatcloth.core.types import Rigid2
+from flatcloth.engine.diagnostics import reasons
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import fit_pairs
 from flatcloth.methods.registry import method_names
+from flatcloth.session.document import Side
 from flatcloth.session.machine import Accept, Nudge, Propose, SessionState, Start, apply
 
 UNIT = st.floats(-1, 1)
@@ -48,10 +48,8 @@ def test_refining_a_proposal_that_was_moved_brings_it_back(method: str) -> None:
     assert found.score.total == made.score(moved.document).total < right
     assert found.refined_score.total > right - 0.03
     pending = moved.document.pending
-    assert pending is not None
     back = apply(moved, Nudge(2, found.refined @ pending.current_from_new.inverse(), "refine"))
     assert back.undo[-1].name == "refine view 2"
-    assert back.document.pending is not None
     corners = np.array([[0.0, 0.0], [0.1, 0.2]])
     off = back.document.pending.current_from_new.apply(corners) - pending.proposed.apply(corners)
     assert np.linalg.norm(off, axis=1).max() < 0.003
@@ -64,3 +62,21 @@ def test_the_distance_that_is_told_is_that_of_the_method() -> None:
         made, state = proposed(method)
         score = made.score(state.document)
         assert score.apart_mm == pytest.approx(score.parts[part])
+
+
+# --- the reasons for a proposal of the paper's method ----------------------------------------------
+
+
+def test_the_continued_view_and_the_lines_at_the_middle_of_the_common_range_are_told() -> None:
+    made = shared("paper")
+    start = done(made, SessionState(len(STEPS)), Start(0))
+    found = reasons(made, done(made, start, Propose(2)).document)
+    assert (found.side, found.front_view, found.turn_deg, found.trouble) == (Side.LEFT, 0, 40.0, "")
+    # Both see from -50 deg of the old view, its limit, to 50 - 40 deg, that of the new one.
+    assert found.correspondence.common_range_deg == pytest.approx((-50.0, 10.0), abs=2.5)
+    assert found.correspondence.a_m_deg == pytest.approx(-20.0, abs=2.5)
+    back = reasons(made, done(made, start, Propose(16)).document)
+    assert (back.side, back.turn_deg) == (Side.RIGHT, -40.0)
+    far = reasons(made, done(made, start, Propose(6)).document)
+    assert far.correspondence is None
+    assert "no Z-angle in common" in far.trouble

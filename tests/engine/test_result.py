@@ -1,7 +1,5 @@
 """What an integration has come to: areas by view, cloth left out, what another view would add."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The sheet: floating pieces beside the shape, and the way between what is shown and what is meant."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -68,7 +66,6 @@ def test_what_the_shape_does_not_know_of_a_piece_is_unknown_there() -> None:
     made = canonical(patch(20, 30, (10.0, 0.0)))
     std = np.full(made.view.shape, 0.001, dtype=np.float32)
     sheet = lay_out(replace(made, view=replace(made.view, placement_std_m=std)))
-    assert sheet.view.placement_std_m is not None
     assert np.isnan(sheet.view.placement_std_m[sheet.piece == 1]).all()
     assert (sheet.view.placement_std_m[sheet.piece == 0] == np.float32(0.001)).all()
 
@@ -134,7 +131,6 @@ def test_a_placed_piece_is_written_with_the_shape_as_sure_as_its_place_is(is_tru
     assert added.sum() == 100
     assert whole.valid.sum() == 700
     own = whole.placement_std_m
-    assert own is not None
     known = np.unique(own[added])
     np.testing.assert_allclose(known, [0.02 if is_trusted else np.nan], rtol=1e-6)
     assert with_placed_pieces(made, DecidedPieces(shape_from_piece={}, refused=frozenset())) is made

@@ -1,7 +1,5 @@
 """The stages of the method, computed beside a session: the same as the paper's method, step by step."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -61,7 +61,6 @@ def _trust(focal_factor: float = 1.0) -> Trust:
 
 
 def _std_m(shape: Canonical) -> np.ndarray:
-    assert shape.view.placement_std_m is not None
     return shape.view.placement_std_m[0]
 
 

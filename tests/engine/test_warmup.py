@@ -1,7 +1,5 @@
 """Kernels that are compiled in advance: what is known of them, and the processes that compile."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A session of a cylinder: three views, one of them first rejected, and three picks."""
 
-from __future__ import annotations
-
 import pytest
 from exported_sessions import cylinder_session
 

@@ -1,7 +1,5 @@
 """Exports of a session with both sides: figures, report, animation, outline, offline page and picks."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace
@@ -79,7 +77,6 @@ def test_a_session_of_one_side_stays_one(cylinder, text) -> None:
 
 def history_of(text: str) -> dict:
     found = re.search(r'id="history"[^>]*>(.*?)</script>', text, re.DOTALL)
-    assert found is not None
     return json.loads(found[1])
 
 
@@ -116,7 +113,6 @@ def test_the_animation_ends_with_both_sides(session, cylinder) -> None:
 def test_svg_and_dxf_have_both_sides_beside_one_another_and_none_mirrored(session) -> None:
     view, other = session.view, session.data.sides.other.view
     drawn = drawing(view, "both", other=other)
-    assert drawn.other is not None
     root = ElementTree.fromstring(outline_text(view, "both", ".svg", other=other))
     groups = {group.get("id"): len(list(group)) for group in root.iter("{http://www.w3.org/2000/svg}g")}
     assert groups == {"outline": len(drawn.pieces), "other-side": len(drawn.other.pieces)}

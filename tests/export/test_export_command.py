@@ -1,7 +1,5 @@
 """The command ``export``, as its user calls it."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -44,8 +42,6 @@ def test_everything_is_written_and_the_session_stays_as_it_was(
     options = {
         "--html": out / "page.html",
         "--report": out / "report.html",
-        "--figures": out / "figures",
-        "--animation": out / "growth.mp4",
         "--grasps": out / "grasps.json",
         "--hand-eye": hand_eye,
         "--rotation": "-40",
@@ -53,12 +49,9 @@ def test_everything_is_written_and_the_session_stays_as_it_was(
     assert main(["export", str(session), *(str(x) for pair in options.items() for x in pair)]) == 0
     said = capsys.readouterr()
     assert said.err == ""
-    assert said.out.count("Written: ") == 5
-    assert {p.name for p in out.iterdir()} == {
-        "page.html", "report.html", "figures", "growth.mp4", "grasps.json",
-    }  # fmt: skip
+    assert said.out.count("Written: ") == 3
+    assert {p.name for p in out.iterdir()} == {"page.html", "report.html", "grasps.json"}
     assert {p.name: p.read_bytes() for p in session.iterdir()} == before
-    assert {"map-color.png", "growth.svg"} <= {p.name for p in (out / "figures").iterdir()}
     grasps = json.loads((out / "grasps.json").read_text())
     assert grasps["rotation_deg"] == -40.0
     pose = grasps["grasps"][0]["poses"]

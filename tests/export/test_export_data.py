@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -49,7 +47,6 @@ def test_arrays_picture_and_cloud_are_those_of_the_cloth_and_need_no_pickle(tmp_
     with np.load(tmp_path / "flattened.npz", allow_pickle=False) as data:
         assert str(data["format"]) == "flatcloth-flattened/1"
     image = cv2.imread(str(tmp_path / "flattened.png"), cv2.IMREAD_UNCHANGED)
-    assert image is not None
     np.testing.assert_array_equal(image[..., 3], np.where(view.valid, 255, 0))
     head, body = (tmp_path / "cloud.ply").read_bytes().split(b"end_header\n", 1)
     assert b"element vertex 600" in head

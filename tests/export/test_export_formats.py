@@ -1,7 +1,5 @@
 """Files for other tools, read back by those tools' own libraries with the numbers that were written."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

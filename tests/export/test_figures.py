@@ -1,7 +1,5 @@
 """Figures: drawings as SVG and PNG alike, their scales, and the files of a session."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re
@@ -52,7 +50,6 @@ def test_a_picture_is_painted_pixel_by_pixel_and_is_transparent_where_it_is() ->
         count[(colors == (10, 20, 30)).all(axis=1)] == 20 * 20
     )  # a quarter of the picture, two pixels a point
     held = re.search(r'xlink:href="data:image/png;base64,([^"]+)"', svg_of(drawing, ""))
-    assert held is not None
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(base64.b64decode(held[1])))), rgba)
 
 

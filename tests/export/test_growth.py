@@ -1,7 +1,5 @@
 """How a shape grew, on an exact cylinder; and opening a session for export."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -51,9 +49,7 @@ def test_source_steps_are_the_views_of_the_pixels(session: OpenedSession) -> Non
 def test_each_step_knows_the_decision_that_stands(session: OpenedSession) -> None:
     start, first, second = session.growth.steps
     assert start.decision is None
-    assert first.decision is not None
     assert (first.decision.number, first.decision.verdict) == (2, "accepted")  # not the refusal before
-    assert second.decision is not None
     assert second.decision.number == 3
 
 

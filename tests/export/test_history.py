@@ -1,7 +1,5 @@
 """A session's history is read from its folder, without touching it."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -60,7 +58,6 @@ class Play:
 
     def _answer(self, view: int) -> None:
         request = self.folder.state.request
-        assert request is not None
         if request.kind == "start":
             self.folder.record(Started(request.token, view))
         else:
@@ -92,7 +89,6 @@ def test_the_decisions_are_told_in_their_order(place: Path) -> None:
     assert [d.by_hand for d in history.decisions] == [False, True, False]
     assert [d.moved for d in history.decisions] == [False, False, True]
     assert all(d.time.startswith("20") for d in history.decisions)
-    assert third.before.pending is not None
     assert third.before.pending.view_index == 2
     assert [a.view_index for a in third.before.accepted] == [1]
     assert [a.view_index for a in history.document.accepted] == [1, 2]
@@ -186,7 +182,6 @@ def test_a_decision_that_is_made_again_later_does_not_stand(place: Path) -> None
     folder.record(Reopen(1))
     folder.record(Reject(1))
     request = folder.state.request
-    assert request is not None
     folder.record(Followed(request.token, 2, Rigid2(), 0.1, holds=False, why="It does not fit."))
     folder.record(Accept(2))
     folder.close()

@@ -1,7 +1,5 @@
 """The outline of simple shapes, and its files, read back."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

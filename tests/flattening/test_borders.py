@@ -1,7 +1,5 @@
 """The border of flattened cloth, against circles and rectangles of known size."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

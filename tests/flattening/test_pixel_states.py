@@ -1,7 +1,5 @@
 """Every pixel of a view is told why it is no part of the surface, or of the shape."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

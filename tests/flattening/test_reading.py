@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np
@@ -33,7 +31,6 @@ def test_normals_and_quality_of_a_sloping_plane_are_exact() -> None:
     np.testing.assert_allclose(view.normal[view.valid], np.tile(normal, (view.valid.sum(), 1)), atol=1e-4)
     at = view.xyz_m[view.valid].astype(float)
     cos = -(at @ normal) / np.linalg.norm(at, axis=1)
-    assert view.quality is not None
     density, incidence_deg, stretch = view.quality[view.valid].T
     np.testing.assert_allclose(incidence_deg, np.degrees(np.arccos(cos)), atol=0.05)
     # A pixel sees z^2 / (fx fy) of a frontal plane, and more of a sloping one, by the ray against its normal.

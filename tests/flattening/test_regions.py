@@ -1,7 +1,5 @@
 """Regions, steps and fits of small images, in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

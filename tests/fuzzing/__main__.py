@@ -1,9 +1,8 @@
 """Fuzz every input: ``PYTHONPATH=tests python -m fuzzing --count 2500``; see ``--help``."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
+import itertools
 import json
 import os
 import shutil
@@ -30,38 +29,59 @@ _IMPORTED = (
     "flatcloth.commands.evaluate", "flatcloth.commands.export", "flatcloth.commands.import_",
     "flatcloth.commands.run", "flatcloth.commands.synthesize",
 )  # fmt: skip
-_HEAVY_SHARE = 0.25
-
-
-def main() -> int:
-    options = _options()
-    _import_everything()
-    if options.replay is not None:
-        outcome = _replayed(options.replay)
-        print(json.dumps(outcome.__dict__, indent=1))
-        return int(outcome.is_fault)
-    return fuzz(options.count, options.first, options.only, options.keep)
-
-
 _TOLD_CASES = 250
 
 
-def fuzz(count: int, first: int, only: list[str], keep: Path) -> int:
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m fuzzing", description="Fuzz every input of flatcloth.")
+    add = parser.add_argument
+    add("--count", type=int, default=2500, metavar="N", help="cases (default: 2500)")
+    add("--only", nargs="*", default=[], metavar="SAMPLE", help="these samples only")
+    add("--keep", type=Path, default=Path("fuzz-failures"), metavar="DIR", help="place of inputs that failed")
+    add("--replay", type=Path, metavar="DIR", help="a kept input, once more")
+    options = parser.parse_args()
+    _import_everything()
+    if options.replay is None:
+        return fuzz(options.count, options.only, options.keep)
+    told = json.loads((options.replay / "outcome.json").read_text())
+    sample = next(s for s in SAMPLES if s.name == told["sample"])
+    with tempfile.TemporaryDirectory(prefix="flatcloth-fuzz-") as folder:
+        place = Path(folder) / "case"
+        shutil.copytree(options.replay / "input", place, symlinks=True)
+        outcome = observed(sample, told["case"], told["file"], told["mutation"], place)
+    print(json.dumps(outcome.__dict__, indent=1))
+    return int(outcome.is_fault)
+
+
+def fuzz(count: int, only: list[str], keep: Path) -> int:
     """Run cases, keep those that fail, print a table; return 1 if any failed."""
     samples = [s for s in SAMPLES if not only or s.name in only]
     seen: list[Outcome] = []
-    with tempfile.TemporaryDirectory(prefix="flatcloth-fuzz-") as place:
-        originals = built(samples, Path(place) / "originals")
-        for outcome in untouched(samples, originals, Path(place) / "case"):
+    originals: dict[object, Path] = {}
+    with tempfile.TemporaryDirectory(prefix="flatcloth-fuzz-") as folder:
+        case = Path(folder) / "case"
+        for sample in samples:
+            if sample.build not in originals:
+                originals[sample.build] = place = Path(folder) / sample.name
+                place.mkdir()
+                sample.build(place)
+            # As long as that is no result, no mutation tells anything.
+            shutil.copytree(originals[sample.build], case)
+            outcome = observed(sample, sample.name, "", "", case)
+            shutil.rmtree(case)
             if outcome.verdict != "result":
                 print(f"{outcome.case}: {outcome.verdict} {outcome.said}")
                 return 1
-        for sample, number in cases(samples, count, first):
-            case = Path(place) / "case"
-            outcome = run_case(sample, number, originals[sample.name], case)
+        for sample, number in cases(samples, count):
+            outcome = run_case(sample, number, originals[sample.build], case)
             seen.append(outcome)
             if outcome.is_fault:
-                _keep(outcome, sample, case, keep)
+                kept = keep / outcome.case
+                shutil.rmtree(kept, ignore_errors=True)
+                kept.mkdir(parents=True)
+                told = json.dumps({"sample": sample.name, **outcome.__dict__}, indent=1)
+                (kept / "outcome.json").write_text(told)
+                os.system(f"cp -a --sparse=always '{case}' '{kept / 'input'}'")
                 print(f"{outcome.case}: {outcome.verdict} ({outcome.file}, {outcome.mutation})", flush=True)
             shutil.rmtree(case, ignore_errors=True)
             if len(seen) % _TOLD_CASES == 0:
@@ -71,76 +91,22 @@ def fuzz(count: int, first: int, only: list[str], keep: Path) -> int:
     return int(any(outcome.is_fault for outcome in seen))
 
 
-def cases(samples: list[Sample], count: int, first: int = 0) -> Iterator[tuple[Sample, int]]:
-    """Yield the cases: all samples in turn, the heavy ones less often."""
-    due = dict.fromkeys((s.name for s in samples), 0.0)
-    numbers = dict.fromkeys(due, first)
-    done = 0
-    while done < count:
-        for sample in samples:
-            due[sample.name] += _HEAVY_SHARE if sample.heavy and len(samples) > 1 else 1.0
-            if due[sample.name] >= 1.0 and done < count:
-                due[sample.name] -= 1.0
-                yield sample, numbers[sample.name]
-                numbers[sample.name] += 1
-                done += 1
-
-
-def built(samples: list[Sample], folder: Path) -> dict[str, Path]:
-    """Write the samples, each into a folder of its own."""
-    places = {}
-    made: dict[object, Path] = {}
-    for sample in samples:
-        place = folder / sample.name
-        if sample.build in made:
-            shutil.copytree(made[sample.build], place)
-        else:
-            place.mkdir(parents=True)
-            sample.build(place)
-            made[sample.build] = place
-        places[sample.name] = place
-    return places
-
-
-def untouched(samples: list[Sample], originals: dict[str, Path], place: Path) -> Iterator[Outcome]:
-    """Yield how the samples themselves are read: as long as that is no result, no mutation tells anything."""
-    for sample in samples:
-        shutil.copytree(originals[sample.name], place)
-        yield observed(sample, sample.name, "", "", place)
-        shutil.rmtree(place)
+def cases(samples: list[Sample], count: int) -> Iterator[tuple[Sample, int]]:
+    """Yield the cases: all samples in turn, the heavy ones in every fourth round."""
+    rounds = ((s, n) for n in itertools.count() for s in samples if n % 4 == 0 or not s.heavy)
+    return itertools.islice(rounds, count)
 
 
 def table(seen: list[Outcome]) -> str:
-    """Return a line a sample: how many cases ended how, and the slowest and largest of them."""
-    heads = f"{'cases':>7}{'errors':>8}{'results':>9}{'faults':>8}{'most CPU s':>12}{'peak MiB':>10}"
-    lines = [f"{'sample':<24}{heads}"]
+    """Return a line a sample: how many cases ended how."""
+    lines = [f"{'sample':<24}{'cases':>7}{'errors':>8}{'results':>9}{'faults':>8}"]
     for name in [*dict.fromkeys(o.case.rsplit("-", 1)[0] for o in seen), ""]:
-        of = [o for o in seen if not name or o.case.rsplit("-", 1)[0] == name]
-        if not of:
-            continue
-        ends = Counter(o.verdict if not o.is_fault else "fault" for o in of)
-        lines.append(
-            f"{name or 'all':<24}{len(of):>7}{ends['error']:>8}{ends['result']:>9}{ends['fault']:>8}"
-            f"{max(o.cpu_s for o in of):>12.2f}{max(o.peak_mib for o in of):>10}"
+        ends = Counter(
+            "fault" if o.is_fault else o.verdict for o in seen if o.case.rsplit("-", 1)[0] == name or not name
         )
+        numbers = f"{ends['error']:>8}{ends['result']:>9}{ends['fault']:>8}"
+        lines.append(f"{name or 'all':<24}{ends.total():>7}{numbers}")
     return "\n".join(lines)
-
-
-def _keep(outcome: Outcome, sample: Sample, place: Path, keep: Path) -> None:
-    kept = keep / outcome.case
-    shutil.rmtree(kept, ignore_errors=True)
-    kept.mkdir(parents=True)
-    (kept / "outcome.json").write_text(json.dumps({"sample": sample.name, **outcome.__dict__}, indent=1))
-    os.system(f"cp -a --sparse=always '{place}' '{kept / 'input'}'")
-
-
-def _replayed(kept: Path) -> Outcome:
-    told = json.loads((kept / "outcome.json").read_text())
-    sample = next(s for s in SAMPLES if s.name == told["sample"])
-    with tempfile.TemporaryDirectory(prefix="flatcloth-fuzz-") as folder:
-        place = Path(folder) / "case"
-        shutil.copytree(kept / "input", place, symlinks=True)
-        return observed(sample, told["case"], told["file"], told["mutation"], place)
 
 
 def _import_everything() -> None:
@@ -154,17 +120,6 @@ def _import_everything() -> None:
     load_realsense()
     load_open3d()
     warm_up()
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m fuzzing", description="Fuzz every input of flatcloth.")
-    add = parser.add_argument
-    add("--count", type=int, default=2500, metavar="N", help="cases (default: 2500)")
-    add("--first", type=int, default=0, metavar="N", help="number of each sample's first case (default: 0)")
-    add("--only", nargs="*", default=[], metavar="SAMPLE", help="these samples only")
-    add("--keep", type=Path, default=Path("fuzz-failures"), metavar="DIR", help="place of inputs that failed")
-    add("--replay", type=Path, metavar="DIR", help="a kept input, once more")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

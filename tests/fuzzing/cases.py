@@ -5,8 +5,6 @@ is looked at: a clear error, a valid result, or a fault of the program. CPU time
 machine makes no faults; one that only waits is ended after a minute.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os
@@ -39,8 +37,6 @@ class Outcome:
     file: str
     mutation: str
     verdict: str
-    cpu_s: float
-    peak_mib: int
     said: str
 
     @property
@@ -74,10 +70,7 @@ def observed(sample: Sample, case: str, file: str, mutation: str, place: Path) -
     words.unlink(missing_ok=True)
     peak = usage.ru_maxrss * 1024
     verdict = _verdict(sample, status, waited_s, peak, said, place)
-    return Outcome(
-        case=case, file=file, mutation=mutation, verdict=verdict,
-        cpu_s=round(usage.ru_utime + usage.ru_stime, 2), peak_mib=peak // 2**20, said=said,
-    )  # fmt: skip
+    return Outcome(case=case, file=file, mutation=mutation, verdict=verdict, said=said)
 
 
 def _waited(pid: int, started: float) -> tuple[int, resource.struct_rusage]:

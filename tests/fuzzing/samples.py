@@ -1,7 +1,5 @@
 """A small, valid input of every kind that flatcloth reads, and the command that reads it."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

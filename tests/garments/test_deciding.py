@@ -1,7 +1,5 @@
 """Decisions about a garment: applied to what the evidence says, and tied to cloth."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

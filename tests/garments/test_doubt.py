@@ -1,7 +1,5 @@
 """Named points where the evidence leaves several places for the outline."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Garments: outlines, true edges, fits compared by evidence, named points."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

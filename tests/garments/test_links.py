@@ -1,7 +1,5 @@
 """A link that no garment allows is doubted, a right one never; a part taken off is found again and floats."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Floating pieces, placed by the fitted outline of the garment."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Both sides of a garment: one outline for the edges of both, and what may lie over what."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import cv2

@@ -1,7 +1,5 @@
 """Lengths on the unrolled cylinder, where each has a closed form."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

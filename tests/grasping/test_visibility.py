@@ -1,7 +1,5 @@
 """Which views saw a point: on the cylinder, whose side that faces the camera is known exactly."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The recipe of CONTRIBUTING.md for a method: a toy method is registered and runs from the command line."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -48,7 +46,6 @@ def test_the_whole_sheet_comes_out_to_a_millimetre(finished: tuple[Integration, 
 def test_the_result_says_how_sure_each_place_is(finished: tuple[Integration, SessionState, Run]) -> None:
     made, state, _ = finished
     view = made.canonical(state.document).view
-    assert view.placement_std_m is not None
     assert np.isfinite(view.placement_std_m[view.valid]).all()
     assert np.isnan(view.placement_std_m[~view.valid]).all()
     assert np.median(view.placement_std_m[view.valid]) < 0.005
@@ -73,7 +70,6 @@ def test_a_proposal_tells_its_score_and_the_cameras() -> None:
     made = integration()
     state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))
     pending = state.document.pending
-    assert pending is not None
     score = made.proposal(state.document).placement.alignment.score
     assert score.total == pytest.approx(pending.score)
     assert pending.score > 0.9
@@ -124,7 +120,6 @@ def test_what_a_further_view_promises_decides_and_the_number_of_views_of_a_limit
     made = integration(Config(robust=RobustConfig(most_views=2)))
     state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
     assert len(state.document.used_views) > 2
-    assert state.document.finished is not None
     assert state.document.finished.startswith(("No other view", "No view is left"))
     short = integration(Config(robust=RobustConfig(most_views=1)))
     document = done(short, SessionState(len(STEPS)), Start(0)).document

@@ -1,7 +1,5 @@
 """Every dependency has bounds, and a version that was run with all tests."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

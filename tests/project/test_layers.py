@@ -1,7 +1,5 @@
 """What the import contracts of pyproject.toml cannot say: where heavy libraries load, who reads the truth."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What keeps the code small: a budget of lines for each room, and a source beside each constant."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

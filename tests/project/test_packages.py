@@ -1,7 +1,5 @@
 """What is packed: the wheel, the container, and the hooks before a commit."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 import zipfile
@@ -42,7 +40,6 @@ def test_the_classifiers_begin_with_the_least_version_of_python() -> None:
 def test_the_container_installs_extras_that_exist_from_files_that_exist() -> None:
     steps = (ROOT / "Dockerfile").read_text()
     extras = re.search(r"/opt/flatcloth\[([a-z,]+)\]", steps)
-    assert extras is not None
     assert set(extras[1].split(",")) <= PROJECT["optional-dependencies"].keys()
     copied = [name for line in re.findall(r"^COPY (.*) \S+$", steps, re.MULTILINE) for name in line.split()]
     allowed = (ROOT / ".dockerignore").read_text().splitlines()

@@ -1,7 +1,5 @@
 """The site has every page; make docs builds it strictly, so that each link leads somewhere."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

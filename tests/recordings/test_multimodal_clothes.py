@@ -1,7 +1,5 @@
 """MultimodalClothes: a made-up tree of its layout, with an exact cylinder that is turned forth and back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

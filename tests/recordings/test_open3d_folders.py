@@ -1,7 +1,5 @@
 """Folders with ``color/``, ``depth/`` and ``intrinsic.json``, with depth in every kind of file."""
 
-from __future__ import annotations
-
 import shutil
 import struct
 import time

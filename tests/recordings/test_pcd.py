@@ -1,7 +1,5 @@
 """Organised PCD files: each layout, the camera that their points tell, and every damage."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

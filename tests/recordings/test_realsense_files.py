@@ -1,7 +1,5 @@
 """RealSense files through the real code: written by librealsense itself, played, damaged, imported."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
@@ -359,22 +357,6 @@ def test_a_recording_of_nothing_is_refused(tmp_path: Path) -> None:
     file = write_realsense(tmp_path / "dark.db3", shots)
     with pytest.raises(RecordingError, match="no depth was measured"):
         open_realsense(file)
-
-
-@pytest.mark.parametrize(
-    ("angles", "align", "message"),
-    [
-        (SourceOptions(step_deg=0), "depth", "--step 0"),
-        (SourceOptions(step_deg=float("nan")), "depth", "--step nan"),
-        (SourceOptions(), "infrared", "no alignment 'infrared'"),
-        (SourceOptions(angles=Path("none.csv")), "depth", r"none\.csv"),
-    ],
-)
-def test_options_that_make_no_sense_are_refused(
-    files: Path, angles: SourceOptions, align: str, message: str
-) -> None:
-    with pytest.raises(RecordingError, match=message):
-        open_realsense(files / "stops.db3", angles, align)
 
 
 def test_the_kind_of_a_file_is_told_by_its_content(files: Path, tmp_path: Path) -> None:

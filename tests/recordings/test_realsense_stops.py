@@ -1,7 +1,5 @@
 """Where an item stood still, and what becomes of the frames of a stop: on arrays, without any file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -25,7 +23,7 @@ def stops_of(shots: Iterable[Shot]) -> list[Stop]:
     return find_stops(glance(s.time_s, s.color, s.depth_mm / 1000) for s in shots)
 
 
-@pytest.mark.parametrize("fps", [6.0, 15.0, 30.0])
+@pytest.mark.parametrize("fps", [6.0, 30.0])
 def test_the_stops_of_an_item_that_is_turned_are_found(fps: float) -> None:
     stops = stops_of(turning(stop_and_go(4, 10.0, 1.5, 1.0), 10.0, fps=fps))
     assert len(stops) == 4
@@ -35,7 +33,7 @@ def test_the_stops_of_an_item_that_is_turned_are_found(fps: float) -> None:
         assert stop.end_s <= 2.5 * n + 1.5 + 0.2 or n == 3
 
 
-@pytest.mark.parametrize("speed_deg_s", [2.0, 10.0, 60.0, 200.0])
+@pytest.mark.parametrize("speed_deg_s", [2.0, 200.0])
 def test_a_turn_is_never_taken_for_rest(speed_deg_s: float) -> None:
     """Not a slow one, and not one so fast that the pictures have nothing in common."""
     shots = turning(lambda t: speed_deg_s * t, 2.0)
@@ -89,7 +87,7 @@ def test_the_speed_is_in_pixels_a_second() -> None:
 
 def test_a_bump_at_a_stop_does_not_make_two_stops_of_it() -> None:
     def bumped(t: float) -> float:
-        turn = 10.0 if t > 5 else 2.0 * (t - 0.0) * 0
+        turn = 10.0 if t > 5 else 0.0
         return turn + (3.0 * np.sin(12 * t) if 1.0 < t < 1.9 else 0.0)
 
     stops = stops_of(turning(bumped, 7.0))

@@ -1,7 +1,5 @@
 """Everything that can be wrong with a recording folder is one clear line, never a traceback."""
 
-from __future__ import annotations
-
 import operator
 import os
 import struct
@@ -63,34 +61,24 @@ HEADER_FAULTS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (put("format", "flatcloth-recording/2"), "format flatcloth-recording/2 is unknown"),
     (remove("format"), "format is null"),
     (remove("intrinsics"), "intrinsics is missing"),
-    (remove("intrinsics", "fx"), "intrinsics.fx is missing"),
     (put("intrinsics", "fx", NAN), "intrinsics.fx is not a finite number"),
-    (put("intrinsics", "fy", 10**400), "intrinsics.fy is not a finite number"),
     (put("intrinsics", "fx", 0), "intrinsics.fx is 0"),
     (put("intrinsics", "fx", 1e6), "intrinsics.fx is 1e"),
     (put("intrinsics", "fy", 60), "differ too much"),
     (put("intrinsics", "cx", 1e4), "intrinsics.cx is 10000"),
-    (put("intrinsics", "cy", "6"), "intrinsics.cy is text"),
     (put("intrinsics", "width", 0), "intrinsics.width is 0"),
-    (put("intrinsics", "width", 16.5), "intrinsics.width is 16.5"),
-    (put("intrinsics", "width", 10**9), "intrinsics.width is 1e"),
     (put("intrinsics", CAMERA | LARGE), "268 megapixels. The limit is 25"),
     (put("intrinsics", "distortion_model", "mei"), "distortion_model mei is unknown"),
-    (put("intrinsics", "distortion", "none"), r"distortion is text\. Expected a list"),
     (put("intrinsics", "distortion", [0.1]), "distortion has numbers, but distortion_model is none"),
     (put("intrinsics", "distortion_model", "brown_conrady"), "distortion has 0 numbers"),
     (put("intrinsics", CAMERA | {"distortion": [0.1] * 6}), "distortion has 6 numbers"),
     (put("intrinsics", CAMERA | {"distortion": [-5.0, 0, 0, 0]}), "distortion folds the image over itself"),
     (put("depth_scale_m", 0), "no depth"),
-    (remove("depth_scale_m"), "no depth"),
     (put("depth_scale_m", 1), "depth_scale_m is 1"),
-    (remove("rotation_axis", "point_m"), "rotation_axis.point_m is missing"),
-    (put("rotation_axis", "point_m", 1, NAN), r"rotation_axis.point_m\[1\] is not a finite number"),
     (put("rotation_axis", "point_m", [0, 0, 850.0]), "more than 100 m away"),
     (put("rotation_axis", "direction", [0, -2, 0]), "direction has length 2"),
     (put("rotation_axis", "direction", [1e308, 1e308, 0]), r"direction\[0\] is 1e\+308"),
     (put("rotation_axis", "direction", [0, 0, 1]), "in which the camera looks"),
-    (remove("views"), "views is missing"),
     (put("views", []), "views is empty"),
     (put("views", [{"angle_deg": 0}] * 10_001), "10001 views"),
     (put("views", 1, "angle_deg", NAN), r"views\[1\].angle_deg is not a finite number"),
@@ -99,15 +87,10 @@ HEADER_FAULTS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (put("views", 2, "angle_deg", -350.005), r"views\[2\] has the angle of views\[1\]"),
     (put("views", 2, "angle_deg", 359.995), r"views\[2\] has the angle of views\[0\]"),
     (remove("views", 2, "depth"), r"views\[2\] has no depth image"),
-    (remove("views", 2, "color"), r"views\[2\].color is null"),
-    (put("views", 2, "color", 7), r"views\[2\].color is a number. Expected text"),
     (put("views", 2, "color", "a\0b"), "printable characters"),
-    (put("views", 2, "color", "a\nb"), "printable characters"),
     (put("views", 2, "color", "\ud800"), "printable characters"),
-    (put("views", 2, "color", "x" * 2000), "printable characters"),
     (put("views", 2, "color", "/etc/hostname"), "inside the folder"),
     (put("views", 2, "color", "../tiny/color/2.png"), "inside the folder"),
-    (put("views", 2, "color", "color/../../other.png"), "inside the folder"),
     (put("views", 2, "color", "color\\2.png"), "inside the folder"),
     (put("views", 2, "color", "C:/color/2.png"), "inside the folder"),
     (put("views", 2, "truth", "../truth.png"), "inside the folder"),
@@ -142,12 +125,6 @@ def test_a_fault_in_the_header_is_named(
 def test_a_file_that_is_no_header_is_refused(folder: Path, data: bytes, cause: str) -> None:
     (folder / "recording.json").write_bytes(data)
     refused(folder, cause)
-
-
-def test_a_header_that_is_a_folder_is_refused(folder: Path) -> None:
-    (folder / "recording.json").unlink()
-    (folder / "recording.json").mkdir()
-    refused(folder, "missing")
 
 
 @given(
@@ -186,6 +163,7 @@ def test_any_value_anywhere_in_the_header_is_read_or_refused_in_one_line(
 GRAY = np.full((HEIGHT, WIDTH), 100, dtype=np.uint8)
 COLOR = np.full((HEIGHT, WIDTH, 3), 100, dtype=np.uint8)
 DEPTH = np.full((HEIGHT, WIDTH), 850, dtype=np.uint16)
+IMAGES = ("color/1.png", "depth/1.png", "mask/1.png")
 
 
 @pytest.mark.parametrize(
@@ -212,30 +190,48 @@ def test_an_image_of_the_wrong_size_or_kind_is_named(
     refused(folder, cause, file)
 
 
-@pytest.mark.parametrize("file", ["color/1.png", "depth/1.png", "mask/1.png"])
-def test_a_missing_image_is_named_at_opening(folder: Path, file: str) -> None:
-    (folder / file).unlink()
-    with pytest.raises(RecordingError, match=rf"{file}: missing"):
-        open_recording(folder)
+def flipped(data: bytes) -> bytes:
+    at = len(data) // 2
+    return data[:at] + bytes([data[at] ^ 16]) + data[at + 1 :]
 
 
-@pytest.mark.parametrize("file", ["color/1.png", "depth/1.png", "mask/1.png"])
-@pytest.mark.parametrize(
-    "data", [b"", b"text", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"\xff\xd8\xff\xe0\0\0"]
-)
-def test_a_file_that_is_no_image_is_named_at_opening(folder: Path, file: str, data: bytes) -> None:
-    (folder / file).write_bytes(data)
-    with pytest.raises(RecordingError, match=rf"{file}: not a readable PNG or JPEG"):
-        open_recording(folder)
+def undecodable(data: bytes) -> bytes:
+    """Put pixels into it that do not decompress, with right check sums."""
+    chunks = [b"IDATnot a compressed stream", b"IEND"]
+    packed = [struct.pack(">I", len(c) - 4) + c + struct.pack(">I", zlib.crc32(c)) for c in chunks]
+    return data[: data.index(b"IDAT") - 4] + b"".join(packed)
 
 
-def test_an_image_that_is_a_folder_or_a_pipe_is_refused_without_waiting(folder: Path) -> None:
-    for make in (Path.mkdir, os.mkfifo):
-        path = folder / "depth" / "1.png"
-        path.rmdir() if path.is_dir() else path.unlink()
+def replaced(make: Callable[[Path], object]) -> Callable[[Path], None]:
+    def damage(path: Path) -> None:
+        path.unlink()
         make(path)
-        with pytest.raises(RecordingError, match=r"depth/1\.png: not a file"):
-            open_recording(folder)
+
+    return damage
+
+
+NO_IMAGES = (b"", b"text", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"\xff\xd8\xff\xe0\0\0")
+DAMAGES: list[tuple[str, Callable[[Path], object], str]] = [
+    *((file, Path.unlink, "missing") for file in IMAGES),
+    *((file, lambda path, data=data: path.write_bytes(data), "not a readable PNG or JPEG")
+      for file in IMAGES for data in NO_IMAGES),
+    ("recording.json", replaced(Path.mkdir), "missing"),
+    ("depth/1.png", replaced(Path.mkdir), "not a file"),
+    ("depth/1.png", replaced(os.mkfifo), "not a file"),
+    ("depth/1.png", lambda path: path.write_bytes(flipped(path.read_bytes())), "damaged"),
+    ("depth/1.png", lambda path: path.write_bytes(undecodable(path.read_bytes())), "decoded|no depth"),
+    ("color/1.png", replaced(lambda path: path.symlink_to(path)), "outside|followed"),
+    *((f"{kind}/1.png", lambda path: path.symlink_to(path.rename(path.parents[2] / "outside.png")),
+       "outside|followed") for kind in ("color", "depth", "mask", "truth")),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("file", "damage", "cause"), DAMAGES)
+def test_a_file_that_is_missing_damaged_or_elsewhere_is_named(
+    folder: Path, file: str, damage: Callable[[Path], object], cause: str
+) -> None:
+    damage(folder / file)
+    refused(folder, cause, "recording.json" if "outside|followed" in cause else file)
 
 
 def test_every_truncation_of_an_image_is_noticed(folder: Path) -> None:
@@ -253,25 +249,6 @@ def test_every_truncation_of_an_image_is_noticed(folder: Path) -> None:
             with pytest.raises(RecordingError, match=file):
                 open_recording(folder)[1]
         path.write_bytes(kept)
-
-
-def test_a_flipped_bit_in_a_depth_image_is_noticed(folder: Path) -> None:
-    path = folder / "depth" / "1.png"
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 16
-    path.write_bytes(data)
-    refused(folder, "damaged", "depth/1.png")
-
-
-def test_pixels_that_do_not_decode_are_named(folder: Path) -> None:
-    path = folder / "depth" / "1.png"
-    data = path.read_bytes()
-    start = data.index(b"IDAT") - 4
-    junk = b"IDAT" + b"not a compressed stream"
-    chunk = struct.pack(">I", len(junk) - 4) + junk + struct.pack(">I", zlib.crc32(junk))
-    end_of_image = struct.pack(">I", 0) + b"IEND" + struct.pack(">I", zlib.crc32(b"IEND"))
-    path.write_bytes(data[:start] + chunk + end_of_image)
-    refused(folder, "cannot be decoded|no depth, every pixel is 0", "depth/1.png")
 
 
 def test_an_image_that_announces_a_giant_is_never_decoded(
@@ -303,29 +280,6 @@ def test_a_jpeg_of_endless_parts_is_refused(folder: Path, bomb: str) -> None:
     parts = (data[:2], comments, data[2:]) if bomb == "comments" else (data[:-2], scan * 100_000, data[-2:])
     path.write_bytes(b"".join(parts))
     refused(folder, "not a readable PNG or JPEG" if bomb == "comments" else "damaged", "color/0.jpg")
-
-
-def test_an_image_that_vanishes_after_opening_is_named(folder: Path) -> None:
-    recording = open_recording(folder)
-    (folder / "depth" / "1.png").unlink()
-    with pytest.raises(RecordingError, match=r"depth/1\.png: missing"):
-        recording[1]
-
-
-@pytest.mark.parametrize("kind", ["color", "depth", "mask", "truth"])
-def test_a_link_out_of_the_folder_is_not_followed(folder: Path, tmp_path: Path, kind: str) -> None:
-    path = folder / kind / "1.png"
-    outside = path.rename(tmp_path / "outside.png")
-    path.symlink_to(outside)
-    refused(folder, "leads outside the folder")
-
-
-def test_a_link_to_itself_is_refused(folder: Path) -> None:
-    path = folder / "color" / "1.png"
-    path.unlink()
-    path.symlink_to(path)
-    with pytest.raises(RecordingError, match=r"cannot be followed|missing"):
-        open_recording(folder)
 
 
 def test_a_message_is_never_flooded_by_the_value(folder: Path) -> None:

@@ -1,7 +1,5 @@
 """Films with stops from TUM folders and ROS recordings: the stops are found, their frames averaged."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The truth of synthetic recordings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

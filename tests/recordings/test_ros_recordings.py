@@ -1,7 +1,5 @@
 """ROS recordings: which topics are read, how their images are decoded, and what is told when they are not."""
 
-from __future__ import annotations
-
 import random
 import sys
 from collections.abc import Callable
@@ -14,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from foreign_folders import HEIGHT, WIDTH, depth_m, rgb
-from fuzzing.mutations import Mutation, mcap_bomb, packed_bomb
+from fuzzing.mutations import mcap_bomb
 from ros_bags import COLOR, DEPTH, START_S, Compressed, Image, Info, K, Message, views, write
 
 from flatcloth.core.errors import RecordingError
@@ -205,8 +203,7 @@ def changed(topic: str, content: Any) -> list[Message]:
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_one_line(tmp_path: Path, messages: list[Message], cause: str) -> None:
-    for name in ("take.bag", "take.mcap"):
-        refused(write(tmp_path / name, messages), cause)
+    refused(write(tmp_path / "take.mcap", messages), cause)
 
 
 @pytest.mark.parametrize("name", ["take.bag", "take.mcap", "take.db3"])
@@ -218,21 +215,12 @@ def test_truncated_files_are_one_line(tmp_path: Path, name: str) -> None:
         refused(path, "ROS recording|cannot be read|damaged|cut off", open_recording, step_deg=10)
 
 
-@pytest.mark.parametrize(
-    ("name", "filling_bytes", "bomb", "cause"),
-    [
-        ("x.bag", 20_000, packed_bomb, "more than 1.2 GB"),
-        ("x.mcap", 200_000, mcap_bomb, "a chunk has 200000000 bytes"),
-    ],
-)
-def test_a_chunk_that_unpacks_to_gigabytes_is_one_line(
-    tmp_path: Path, name: str, filling_bytes: int, bomb: Mutation, cause: str
-) -> None:
-    filling = Compressed("png", np.random.default_rng(5).bytes(filling_bytes))
-    path = write(tmp_path / name, [*views(), Message("/other", START_S + 3, filling)], packed=True)
+def test_a_chunk_that_unpacks_to_gigabytes_is_one_line(tmp_path: Path) -> None:
+    filling = Compressed("png", np.random.default_rng(5).bytes(200_000))
+    path = write(tmp_path / "x.mcap", [*views(), Message("/other", START_S + 3, filling)], packed=True)
     assert len(read(path)) == 3
-    bomb(path, random.Random(1))
-    refused(path, cause, open_recording, step_deg=10)
+    mcap_bomb(path, random.Random(1))
+    refused(path, "a chunk has 200000000 bytes", open_recording, step_deg=10)
 
 
 def test_without_the_library_its_installation_is_told(

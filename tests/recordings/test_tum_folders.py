@@ -1,7 +1,5 @@
 """TUM RGB-D folders: lists of color and depth images with their times."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Recording folders that the program writes: nothing kept is lost, nothing is overwritten."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path
@@ -48,7 +46,6 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     read = open_recording(made.folder)
     assert (read.name, read.description, read.intrinsics) == ("coat", "a coat", CAMERA)
     assert read.angles_deg == (0.0, 12.5, -10.0)
-    assert read.rotation_axis is not None
     np.testing.assert_array_equal(read.rotation_axis.point_m, AXIS.point_m)
     np.testing.assert_array_equal(read.held_point_m, [0.0, -0.2, 0.8])
     frame = read[1]

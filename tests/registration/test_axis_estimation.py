@@ -1,7 +1,5 @@
 """The turning axis from the views: exact scenes, sample recordings, and when it cannot be told."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

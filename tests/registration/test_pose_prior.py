@@ -1,7 +1,5 @@
 """The prior of a recording's errors, and derivatives against differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import AXIS

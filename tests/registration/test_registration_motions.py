@@ -1,7 +1,5 @@
 """Registration of bumpy and of smooth cylinders, rendered from poses that the recording gives wrongly."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

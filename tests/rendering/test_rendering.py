@@ -1,7 +1,5 @@
 """Layers, sides and small pictures as they are drawn, and the differences of two views that overlap."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Clusters of surface pixels: the search by cells finds what a search among all does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

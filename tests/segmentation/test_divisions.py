@@ -1,7 +1,5 @@
 """Divisions into two sides, of sheets whose sides are known: what evidence and strokes leave open."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

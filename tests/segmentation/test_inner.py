@@ -1,7 +1,5 @@
 """Inner faces, thin and in the shade: the back panel reaches beyond the hem of the front one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

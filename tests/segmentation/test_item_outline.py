@@ -1,7 +1,5 @@
 """Where the item ends: its measured depth reaches over the background, which has another colour."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The other side of a thin turning plate, of which the masks name the front."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

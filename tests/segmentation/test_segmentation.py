@@ -1,7 +1,5 @@
 """The sides of a thin turning plate, whose front and back are known in closed form."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

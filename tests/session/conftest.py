@@ -1,7 +1,5 @@
 """A session folder, and one with decisions in it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Decisions about the garment: undone, bounded; a running computation is not disturbed."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

@@ -1,7 +1,5 @@
 """Session folders that are removed, replaced or prepared by somebody else while or before they are used."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

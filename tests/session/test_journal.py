@@ -1,7 +1,5 @@
 """The journal: what is on disk after every decision, and what comes back from it."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

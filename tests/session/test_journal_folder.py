@@ -1,7 +1,5 @@
 """The session folder: what it belongs to, who may write, and disks that fail."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -48,11 +46,8 @@ def test_a_recording_that_moved_is_the_same(place: Path) -> None:
         *((text, "se another folder") for text in ("", "[]", "{}", "null", "[" * 99999)),
         ('{"format": "flatcloth-session/2"}', "se another folder"),
         ('{"format": "flatcloth-session/1"}', "se another folder"),
-        ('{"format": "x\\ny"}', "se another folder"),
         ({"recording": {}}, "not valid"),
-        ({"recording": 3}, "not valid"),
         ({"config": {"planning": {"magic": 1}}}, "not valid.*magic"),
-        ({"versions": None}, "not valid"),
     ],
 )
 def test_a_header_that_cannot_be_understood_is_refused(place: Path, header: Any, cause: str) -> None:

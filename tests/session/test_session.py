@@ -1,7 +1,5 @@
 """The operator's state machine, by examples; test_session_machine.py has its laws."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -279,7 +277,6 @@ def test_an_accepted_view_keeps_the_score_of_where_it_was_accepted(steps: Steps,
 
 def test_views_that_follow_a_changed_one_lie_where_they_are_found_and_tell_why_they_are_asked() -> None:
     pending = after(*REOPENED).document.pending
-    assert pending is not None
     assert (pending.current_from_new, pending.score) == (at(0.1), 0.9)
     changed = (*REOPENED, Nudge(1, at(0.05)), Accept(1, 0.6))
     document = after(*changed, Followed(5, 2, at(0.25), 0.85), Followed(6, 3, at(0.35), math.nan, 2)).document
@@ -287,12 +284,8 @@ def test_views_that_follow_a_changed_one_lie_where_they_are_found_and_tell_why_t
     assert found == [(1, pytest.approx(0.15), 0.6, True), (2, 0.25, 0.85, False), (3, 0.35, None, False)]
     assert [a.component for a in document.accepted] == [0, 0, 2]
     asked = after(*ASKED_AGAIN).document.pending
-    assert asked is not None
-    assert asked.again is not None
     assert (asked.why, asked.again.decision.current_from_new) == ("It does not fit.", at(0.2))
     by_hand = after(*REOPENED, Propose(3), Proposed(5, 3, at(0.4), score=0.5)).document.pending
-    assert by_hand is not None
-    assert by_hand.again is not None
     assert by_hand.again.decision == after(*THREE).document.accepted[2]
     # Moved by hand once, it is so when it is accepted where it lay.
     again = (*PENDING, Nudge(1, at(0.05)), Accept(1), Reopen(1), Accept(1))

@@ -1,7 +1,5 @@
 """The laws of the session and its journal, over random histories."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from pathlib import Path
@@ -177,7 +175,6 @@ class Sessions(RuleBasedStateMachine):
     )
     def answer(self, choice: int, motion: Rigid2, side: Side | None, score: float, luck: int) -> None:
         request = self.state.request
-        assert request is not None
         free = sorted(set(range(len(RECORDING))) - self.state.document.used_views)
         if luck == 0:
             self.do(Failed(request.token))
@@ -199,7 +196,6 @@ class Sessions(RuleBasedStateMachine):
     @rule(verdict=st.sampled_from(["accept", "reject", "skip", "nudge"]), motion=MOTIONS)
     def decide(self, verdict: str, motion: Rigid2) -> None:
         pending = self.state.document.pending
-        assert pending is not None
         view = pending.view_index
         commands = {"reject": Reject(view), "skip": Skip(view), "nudge": Nudge(view, motion)}
         self.do(commands.get(verdict, Accept(view)))
@@ -244,7 +240,6 @@ class Sessions(RuleBasedStateMachine):
         assert document.pending is None
         assert [w.decision for w in document.later[: len(was.accepted)]] == list(was.accepted) or was.pending
         if document.later:
-            assert self.state.request is not None
             assert self.state.request.kind == "follow"
             assert self.state.request.view_index == document.later[0].decision.view_index
 

@@ -1,7 +1,5 @@
 """How far nodes may be off: little on a patch, much on what hangs on a neck."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

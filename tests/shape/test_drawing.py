@@ -1,7 +1,5 @@
 """The canonical view of two views of a cylinder: each pixel from the view that saw it best."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

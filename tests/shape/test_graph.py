@@ -1,7 +1,5 @@
 """What all views say of a pair of nodes, as one pair."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

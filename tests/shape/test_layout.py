@@ -1,7 +1,5 @@
 """The layout of graphs of frames: exact sheets come back from nothing, false links do not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

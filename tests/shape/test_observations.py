@@ -1,7 +1,5 @@
 """Where a view shows a known node, which nodes it adds, and what it says of pairs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pieces of cloth: what enough evidence joins, and no cloth that lies on other cloth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

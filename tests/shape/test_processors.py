@@ -1,7 +1,5 @@
 """The same shape on every processor, whatever the width of its vectors and its BLAS."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

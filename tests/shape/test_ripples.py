@@ -1,7 +1,5 @@
 """Ripples of cloth, which a noisy sensor smooths away together with its lengths."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The shape of views, from nothing: exact and noisy, and how it may be turned and taken apart."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Joints: the evidence of the weakest cut towards the middle, and the doubt that it leaves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The synthetic depth sensor: noise, dropouts and edges as a D435 has them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from flatcloth.synthesis.sensor import DepthSensor, measure_depth

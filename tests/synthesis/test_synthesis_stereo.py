@@ -1,7 +1,5 @@
 """Depth that is matched between two rendered infrared images, and items that twist."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """The truth of a mesh: its panels, and each laid on the plane as it hangs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from garment_meshes import HEIGHT_M, RADIUS_M, arc, tube

@@ -1,7 +1,5 @@
 """Writes views of a capture without end and says how many are on disk, until it is killed."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

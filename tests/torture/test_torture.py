@@ -4,8 +4,7 @@ Nothing that was acknowledged may be lost, and nothing that was changed may be a
 are printed: ``python -m pytest -m thorough -s tests/torture``.
 """
 
-from __future__ import annotations
-
+import contextlib
 import itertools
 import os
 import random
@@ -15,8 +14,9 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tiny_recordings import MemoryRecording
@@ -63,41 +63,37 @@ def played(place: Path, steps: int) -> bytes:
     return data
 
 
-class Writer:
-    """The process that decides without end."""
+def started(*arguments: str, program: Sequence[str] = ("app.py",), **env: str) -> Any:
+    path = os.pathsep.join([str(TESTS), str(TESTS.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return subprocess.Popen(
+        [sys.executable, *program, *arguments],
+        cwd=TESTS.parent, env={**os.environ, "PYTHONPATH": path, **env}, text=True, start_new_session=True,
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
 
-    def __init__(self, place: Path) -> None:
-        path = os.pathsep.join([str(TESTS), str(TESTS.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "torture.writer", str(place)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": path},
-        )
 
-    def acknowledged(self) -> str:
-        """Return its next line."""
-        assert self.process.stdout is not None
-        return self.process.stdout.readline()
+def killed(process: Any) -> str:
+    """Kill it and its children, as a power cut would; return the last line that it had written whole."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    # Not communicate(), which forgets what readline() has read ahead.
+    with process.stdout as said:
+        whole = [line for line in said.read().split("\n")[:-1] if line]
+    return whole[-1] if whole else ""
 
-    def killed(self) -> str:
-        """Kill it and return the last line that it had written whole."""
-        self.process.send_signal(signal.SIGKILL)
-        assert self.process.stdout is not None
-        # Not communicate(), which forgets what readline() has read ahead.
-        whole = [line for line in self.process.stdout.read().split("\n")[:-1] if line]
-        self.process.communicate()
-        return whole[-1] if whole else ""
+
+DECIDES, CAPTURES = ("-m", "torture.writer"), ("-m", "torture.capturer")
+"""Programs that say what is on disk."""
 
 
 def test_nothing_acknowledged_is_lost_by_a_kill(place: Path) -> None:
     rng, counts = random.Random(1), Counter[str]()
     for _ in range(KILLS):
-        writer = Writer(place)
-        first = writer.acknowledged()
+        writer = started(str(place), program=DECIDES)
+        first = writer.stdout.readline()
         time.sleep(rng.uniform(0, 0.03))
-        told = int((writer.killed() or first).split()[0])
+        told = int((killed(writer) or first).split()[0])
         folder = opened(place)
         lines = folder._replay.lines
         # A line may be on disk whose acknowledgement was not heard any more, and resuming may add one.
@@ -231,15 +227,14 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 def test_a_full_disk_refuses_the_decision_and_keeps_the_others(small_disk: Path) -> None:
     place = small_disk / "session"
-    writer = Writer(place)
+    writer = started(str(place), program=DECIDES)
     lines = told = ""
-    assert writer.process.stdout is not None
-    for line in writer.process.stdout:
+    for line in writer.stdout:
         if line.startswith("refused"):
             told = line
             break
         lines = line
-    writer.process.communicate()
+    killed(writer)
     assert "No space left on device" in told
     assert "was not made" in told
     history = read_history(place)

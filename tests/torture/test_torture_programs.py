@@ -3,20 +3,15 @@
 The counts are printed: ``python -m pytest -m thorough -s tests/torture``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
-import os
 import random
 import re
-import signal
 import subprocess
-import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,39 +28,31 @@ from flatcloth.core.errors import JournalError
 from flatcloth.export.history import read_history
 from flatcloth.recordings import open_recording
 from torture.capturer import pixels
-from torture.test_torture import _cut, _double, _flip, _insert, _overwrite, _remove, _swap
+from torture.test_torture import (
+    CAPTURES,
+    _cut,
+    _double,
+    _flip,
+    _insert,
+    _overwrite,
+    _remove,
+    _swap,
+    killed,
+    started,
+)
 
 PAGE_KILLS, SWITCH_KILLS, CAPTURE_KILLS, RUN_KILLS, BATCH_KILLS, DAMAGES = 200, 50, 50, 50, 50, 1000
-ROOT = Path(__file__).parents[2]
 RESULTS = "abc"
 pytestmark = pytest.mark.thorough
 
 
-def started(*arguments: str, program: Sequence[str] = ("app.py",), **env: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, *program, *arguments],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True,
-        env={**os.environ, **env},
-    )  # fmt: skip
-
-
-def address_of(page: subprocess.Popen[str]) -> tuple[str, str]:
+def address_of(page: Any) -> tuple[str, str]:
     """Return the address and the token that a page prints."""
-    assert page.stdout is not None
     while True:
         line = page.stdout.readline()
         assert line, "the page did not start"
         if found := re.search(r"(http://\S+)/\?token=(\S+)", line):
             return found[1], found[2]
-
-
-def killed(process: subprocess.Popen[str]) -> None:
-    """Kill it and its children, as a power cut would."""
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    assert process.stdout is not None
-    process.stdout.close()
 
 
 def lines_of(journal: Path) -> bytes:
@@ -172,16 +159,12 @@ def open_place(url: str, token: str, name: str) -> None:
 
 def test_views_of_a_capture_that_were_told_survive_its_kill(tmp_path: Path) -> None:
     rng, counts = random.Random(8), Counter[str]()
-    python_path = os.pathsep.join([str(ROOT / "tests"), str(ROOT)])
     folder = tmp_path / "0"
     for n in range(CAPTURE_KILLS):
-        capture = started(str(folder), program=("-m", "torture.capturer"), PYTHONPATH=python_path)
-        assert capture.stdout is not None
+        capture = started(str(folder), program=CAPTURES)
         told = int(capture.stdout.readline())
         time.sleep(rng.uniform(0.0, 0.3))
-        os.killpg(capture.pid, signal.SIGKILL)
-        told = max([told, *map(int, capture.stdout.read().split("\n")[:-1])])
-        killed(capture)
+        told = int(killed(capture) or told)
         recording = open_recording(folder)
         counts["kills"] += 1
         counts["lost"] += len(recording) < told

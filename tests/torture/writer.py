@@ -1,7 +1,5 @@
 """Decides without end and says what was acknowledged, until it is killed."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Faults of a cell, made in exact sightings of a cylinder of cloth, are found with their sizes."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import lru_cache
@@ -59,6 +57,11 @@ def found(
     return {error["name"]: error for error in errors}
 
 
+@lru_cache(maxsize=1)
+def of_a_right_cell() -> dict[str, dict]:
+    return found()
+
+
 def test_sway_is_found_beside_the_noise():
     seen = sightings()
     below_m = seen.corners_m[..., 1] - AXIS.point_m[1]
@@ -78,7 +81,7 @@ def test_depth_is_told_by_incidence():
 
 
 def test_a_right_cell_has_no_errors_and_one_view_judges_nothing():
-    errors = found()
+    errors = of_a_right_cell()
     assert list(errors) == ["depth", "focal length", "axis", "angles", "sway"]
     assert not [error["text"] for error in errors.values() if error["is_fault"]]
     assert all(abs(error["size"]) < 4 * error["std"] for error in errors.values())
@@ -108,7 +111,7 @@ def test_a_fault_is_named_with_its_size_to_a_fifth_and_no_other(fault):
 
 
 def test_what_alignment_to_depth_moves_is_put_back_and_adds_no_error():
-    seen, right = sightings(), found()
+    seen, right = sightings(), of_a_right_cell()
     shift_px = 9.0 / seen.corners_m[..., 2]
     moved_px = np.stack([0 * shift_px, np.rint(shift_px) - shift_px], axis=-1)
     aside_m = np.dstack([moved_px / CAMERA.fx, 0 * shift_px]) * seen.corners_m[..., 2:]

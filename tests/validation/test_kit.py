@@ -1,7 +1,5 @@
 """A kit: its cells, its file, its pages measured in pixels, and the commands that make and print it."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

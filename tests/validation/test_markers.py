@@ -1,7 +1,6 @@
 """Markers found on bent cloth and in photos, against closed forms."""
 
-from __future__ import annotations
-
+import functools
 from typing import Any
 
 import cv2
@@ -95,9 +94,10 @@ def replace(kit: Kit, corners_m: dict[int, np.ndarray], sheet: dict[int, int], *
     return msgspec.structs.replace(kit, markers=markers, **changed)
 
 
-def scattered(seed: int) -> Kit:
+@functools.cache
+def scattered() -> Kit:
     """Stickers that lie about on a garment."""
-    random, kit = np.random.default_rng(seed), STICKERS
+    random, kit = np.random.default_rng(0), STICKERS
     turns = random.uniform(0, 2 * np.pi, len(kit.corners_m))
     places = [
         np.array([0.08 + 0.11 * (n % 4), 0.08 + 0.13 * (n // 4)]) + random.uniform(-0.03, 0.03, 2)
@@ -110,8 +110,10 @@ def scattered(seed: int) -> Kit:
     return replace(kit, corners, kit.sheet, size_mm=(500.0, 450.0), is_measured=True)
 
 
-def photographed(kit: Kit) -> np.ndarray:
-    """Paint a photo taken obliquely, 1600 px/m."""
+@functools.cache
+def photographed() -> np.ndarray:
+    """Paint a photo of them, taken obliquely, 1600 px/m."""
+    kit = scattered()
     image_from_sheet = np.array([[1600.0, 60.0, 60.0], [-40.0, 1500.0, 90.0], [0.12, -0.08, 1.0]])
     y, x = np.mgrid[: 3 * 760, : 3 * 900] / 3.0 - 1 / 3
     at = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
@@ -122,8 +124,8 @@ def photographed(kit: Kit) -> np.ndarray:
 
 
 def test_stickers_are_measured_from_a_photo(tmp_path, capsys):
-    truth = scattered(0)
-    cv2.imwrite(str(tmp_path / "flat.png"), photographed(truth)[..., ::-1])
+    truth = scattered()
+    cv2.imwrite(str(tmp_path / "flat.png"), photographed()[..., ::-1])
     write_kit(STICKERS, tmp_path / "kit.json")
     assert main(["kit", "--out", str(tmp_path), "--from-photo", str(tmp_path / "flat.png")]) == 0
     kit = read_kit(tmp_path / "kit.json")
@@ -136,7 +138,5 @@ def test_stickers_are_measured_from_a_photo(tmp_path, capsys):
 
 
 def test_a_photo_of_too_few_stickers_is_refused():
-    kit = scattered(1)
-    three = replace(kit, dict(list(kit.corners_m.items())[:3]), kit.sheet)
     with pytest.raises(KitError, match=r"^3 stickers are read"):
-        measured_kit(STICKERS, photographed(three))
+        measured_kit(STICKERS, photographed()[:, :280])  # the left column

@@ -1,7 +1,5 @@
 """Another turning axis: what is derived again, and what a resumed session has."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -22,7 +20,6 @@ SHIFTED = RotationAxis(
 
 
 def same(a: RotationAxis | None, b: RotationAxis) -> bool:
-    assert a is not None
     return bool(
         np.allclose(a.point_m, b.point_m)
         and np.allclose(a.direction, b.direction)
@@ -70,11 +67,8 @@ def test_a_recorded_axis_is_not_written_beside_the_session(tmp_path: Path) -> No
     "change",
     [
         {"format": "flatcloth-axis/2"},
-        {"point_m": [0, 1]},
-        {"point_m": [0, 1, "2"]},
         {"direction": [0.0, -2.0, 0.0]},
         {"direction": [0.0, float("nan"), 0.0]},
-        {"estimated": 1},
         None,
     ],
 )

@@ -1,7 +1,5 @@
 """What robots are told: the example client against a running server, and a wrong token."""
 
-from __future__ import annotations
-
 import ast
 import base64
 import json

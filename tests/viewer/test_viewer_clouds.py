@@ -1,7 +1,5 @@
 """Which points the 3D scene shows, and in which colours."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -52,7 +50,6 @@ def test_the_shape_the_view_and_what_the_proposal_adds_are_shown(picture: Pictur
     found = clouds_of(picture, AXIS, N)
     assert len(found[HELD].points_m) == picture.view.valid.sum()
     np.testing.assert_array_equal(found[HELD].colors, picture.view.rgb[picture.view.valid])
-    assert picture.overlay is not None
     new = picture.overlay.new_points & picture.overlay.view.valid
     assert len(found[PROPOSAL].points_m) == new.sum() > 0
     assert len(found[LIVE].points_m) > 1000

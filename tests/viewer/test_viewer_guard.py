@@ -1,7 +1,5 @@
 """What the page's server gives out, and to whom: files, sockets, ports and the token."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import io
@@ -30,6 +28,7 @@ from websockets.sync.client import connect
 
 from flatcloth.cli import main
 from flatcloth.core.errors import ServerError
+from flatcloth.core.resources import static_folder
 from flatcloth.viewer import http
 from flatcloth.viewer.server import limits
 from flatcloth.viewer.server.app import PageServer, serve
@@ -458,3 +457,19 @@ def test_a_port_or_a_host_that_cannot_be_had_is_one_clear_line(server):
     ):
         with pytest.raises(ServerError, match=told):
             PageServer(Opened(CylinderIntegration(), MemoryFolder()), host=host, port=port)
+
+
+# --- the page's own files --------------------------------------------------------------------------
+
+
+FILES = sorted(p for p in static_folder().rglob("*") if p.suffix in {".js", ".css", ".html", ".svg"})
+FORBIDDEN = re.compile(
+    r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function"
+    r"|(?:https?:)?//(?!www\.w3\.org)[\w.-]+\.[a-z]{2,}"
+)
+
+
+def test_text_never_becomes_html_and_nothing_is_loaded_from_elsewhere():
+    assert len(FILES) > 50
+    found = {path.name: FORBIDDEN.findall(path.read_text()) for path in FILES}
+    assert {name: what for name, what in found.items() if what} == {}

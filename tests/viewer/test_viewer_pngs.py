@@ -1,7 +1,5 @@
 """The pictures that the page fetches, how they are looked at, and the result."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import cv2
@@ -70,32 +68,6 @@ def test_differences_are_mapped_over_the_common_cloth_only(client, shown):
     # Both are the same cylinder, so it is the first colour of the map throughout.
     first = MAPS["loss"].table()[0].astype(int)
     assert np.abs(image[5, inside & overlay.valid[5], :3].astype(int) - first).max() <= 3
-
-
-@pytest.mark.parametrize(
-    "path",
-    [
-        "/layers/2/color.png",
-        "/layers/3/secret.png",
-        "/overlay/8.png",
-        "/overlay/7.png?layer=secret",
-        "/difference/2-7/color.png",
-        "/difference/3-8/color.png",
-        "/difference/3-7/secret.png",
-    ],
-)
-def test_what_is_not_shown_any_more_or_not_known_is_not_there(client, path):
-    answer = client.get(path)
-    assert answer.status_code == 204  # while views are added fast, the page asks for what is replaced
-    assert answer.content == b""
-
-
-def test_without_a_picture_or_a_proposal_there_is_nothing(client, shown):
-    shown.picture.overlay = None
-    assert client.get("/overlay/7.png").status_code == 204
-    assert client.get("/difference/3-7/color.png").status_code == 204
-    shown.picture = None
-    assert client.get("/layers/3/color.png").status_code == 204
 
 
 def test_a_heat_map_saturates_at_its_legend():

@@ -1,7 +1,5 @@
 """Source images on the page's server, headless: color, mask, and the views that saw a pick."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import cv2

@@ -1,15 +1,20 @@
 """Work of the page apart from its thread: one at a time, and what waits can be called off."""
 
-from __future__ import annotations
-
+import logging
+import socket
 import threading
+import urllib.error
+import urllib.request
 from functools import partial
 
 import pytest
 from page_tabs import WAIT_S
+from starlette.applications import Starlette
+from starlette.requests import Request
 
-from flatcloth.core.errors import CancelledError
-from flatcloth.viewer.worker import Executor, one_at_a_time
+from flatcloth.viewer import http
+from flatcloth.viewer.server.limits import limited_server
+from flatcloth.viewer.worker import Executor
 
 
 def test_what_nobody_waits_for_begins_when_all_else_is_done_and_what_waits_is_dropped_at_the_end() -> None:
@@ -37,27 +42,38 @@ def test_what_nobody_waits_for_begins_when_all_else_is_done_and_what_waits_is_dr
     assert "never" not in order
 
 
-def test_what_waits_ends_when_it_is_not_wanted_any_more_and_the_next_has_its_turn() -> None:
-    stopped, ended, begun = threading.Event(), threading.Event(), threading.Event()
+# --- at the end of the program ---------------------------------------------------------------------
 
-    def check() -> None:
-        if stopped.is_set():
-            raise CancelledError
 
-    def wait() -> None:
-        with pytest.raises(CancelledError), one_at_a_time(check):
-            begun.set()
-        ended.set()
+def test_an_answer_that_is_still_computed_ends_in_words_and_no_traceback(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    begun, enough, told = threading.Event(), threading.Event(), []
 
-    with one_at_a_time(lambda: None):
-        threading.Thread(target=wait, daemon=True).start()
-        assert not begun.wait(0.5)
-        stopped.set()
-        assert ended.wait(20)  # while the first still works
-    assert not begun.is_set()
-    with pytest.raises(CancelledError), one_at_a_time(check):
+    def compute(_request: Request) -> bytes:
         begun.set()
-    assert not begun.is_set()
-    with one_at_a_time(lambda: None):
-        begun.set()
-    assert begun.is_set()
+        enough.wait(20)
+        return b"late"
+
+    listening = socket.create_server(("127.0.0.1", 0))
+    server = limited_server(Starlette(routes=[http.get("/slow", compute)]))
+    serving = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
+    serving.start()
+
+    def ask() -> None:
+        try:
+            urllib.request.urlopen(f"http://127.0.0.1:{listening.getsockname()[1]}/slow", timeout=20)
+        except urllib.error.HTTPError as error:
+            told.append((error.code, error.read().decode()))
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    try:
+        assert begun.wait(10)
+        server.should_exit = True
+        asking.join(10)
+    finally:
+        enough.set()
+        serving.join(10)
+    assert told == [(503, "The program has ended.")]
+    assert [record for record in caplog.records if record.levelno >= logging.ERROR] == []

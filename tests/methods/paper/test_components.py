@@ -1,7 +1,5 @@
 """Views in several components: which one is chosen, and where the others may lie."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 from scenes import Cylinder, placement_error_m, sheet, views
 

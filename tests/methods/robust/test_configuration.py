@@ -1,7 +1,5 @@
 """All configurations of sets and joints, against sums written out by hand."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Sums over the neighbours of nodes, against their formulas."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

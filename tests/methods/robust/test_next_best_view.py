@@ -1,7 +1,5 @@
 """The next best view of a cylinder, of which one view is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

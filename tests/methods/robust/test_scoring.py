@@ -1,7 +1,5 @@
 """Scores and refinement on a flat sheet that faces the camera: closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -97,6 +95,5 @@ def test_the_nodes_that_a_component_shows_are_paired_with_their_places(
         uv_m=own, xyz_m=np.zeros((21, 3)), node=np.append(some, -1).astype(np.int32), area_m2=0.01
     )
     found = cloth_pairs(sheet, shown)
-    assert found is not None
     assert len(found.shape_uv_m) == 20
     np.testing.assert_allclose(motion.apply(found.new_uv_m), found.shape_uv_m, atol=1e-12)

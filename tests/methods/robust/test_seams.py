@@ -1,7 +1,5 @@
 """Seams of a flat tube."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The shape of a document: by the set of its views and what was decided, whatever came before."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
@@ -198,7 +196,6 @@ def test_the_page_is_told_which_piece_a_view_would_join_where_it_is_moved(torn: 
     moved = by_hand(torn, with_all(1, 2), 1, LAID_M).accepted[-1]
     pending = Pending(1, Rigid2(), nudge=moved.current_from_new, component=moved.component)
     found = robust(torn).joined_piece(replace(free, pending=pending))
-    assert found is not None
     shape = robust(torn).shapes.of(free)
     own = shape.piece == found.piece
     assert found.piece > 0
