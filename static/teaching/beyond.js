@@ -2,7 +2,7 @@
 
 import { boxOf, boxOfPoints, union } from "../canvas/geometry.js";
 import { words } from "../garment/marks.js";
-import { JointOptions } from "../joints/places.js";
+import { loopsAt, motionOf } from "../doubts/panel.js";
 import { cm2, count, degrees, number, percent, rgbOf } from "../page/format.js";
 import { columns, imageBox, rows, shareOf } from "./draw.js";
 import { between, lastOf, partsOf } from "./lesson.js";
@@ -116,34 +116,37 @@ const garment = {
 
 /** @type {StageCode<ShapeLesson>} */
 const joint = {
-  plays: ({ joints: [weakest] }) => (weakest ? new JointOptions(weakest).all.length - 1 : 0),
+  plays: ({ joints: [weakest] }) => (weakest ? weakest.choices.length - 1 : 0),
   draw(sheet, rect, lesson, { time }) {
     const [weakest] = lesson.joints;
     if (!weakest) return ending.draw(sheet, rect, lesson, { at: [0, 0], time });
     const { color } = sheet;
-    const options = new JointOptions(weakest);
-    const motions = options.all.map(({ motion }) => motion);
+    const { choices } = weakest;
+    const motions = choices.map(motionOf);
     const colors = [color.mark, color.new, color.kept]; // of the places, the first as it is
     const [left, right] = columns(rect, [1.7, 1]);
     const whole = boxOf(lesson.grid);
-    const box = union(whole, boxOfPoints(motions.flatMap((motion) => options.loopsAt(motion)).flat(2)));
+    const box = union(whole, boxOfPoints(motions.flatMap((motion) => loopsAt(weakest, motion)).flat(2)));
     const inner = sheet.titled(left, "The shape of this session", "one part may lie elsewhere");
     sheet.show("joint", box, inner, { margin: 18, bar: true }, (map) => {
       /** @type {(motion: Motion, color: string, width: number, dash?: number[]) => void} */
       const outline = (motion, look, width, dash) => {
-        for (const loop of options.loopsAt(motion)) sheet.loop(map, loop.flat(), look, width, dash);
+        for (const loop of loopsAt(weakest, motion)) sheet.loop(map, loop.flat(), look, width, dash);
       };
       sheet.picture(map, lesson.picture.shape, whole, 0.6);
       motions.forEach((motion, n) => outline(motion, colors[n] ?? color.soft, 1.8, [5, 4]));
       outline(between(motions, time), color.text, 2.4);
       sheet.dots(map, weakest.ends_uv_m.flat(2), 2.4, color.unused);
     });
-    const bars = options.all.map(({ title, probability }, n) => ({ name: title, probability, color: colors[n] }));
+    const bars = choices.map(({ title, probability }, n) => ({
+      name: title,
+      probability: probability ?? 0,
+      color: colors[n],
+    }));
     drawBars(sheet, sheet.titled(right, "Probability", "of each place"), bars);
     return [
       ["The part", cm2(weakest.area_cm2)],
       ["Held by", count(weakest.views.length, "view")],
-      ["Evidence C", number(weakest.evidence, 1)],
       ["Right with a probability of", percent(weakest.probability)],
     ];
   },

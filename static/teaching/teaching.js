@@ -13,7 +13,7 @@ const STATE_MS = 650; // how long the way from one recorded state to the next ta
 const QUIET_MS = 120; // progress is shown only for what takes longer
 const PROBE_STEP = 0.02; // of the shorter side of a pane, per arrow key
 const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel"];
-const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
+const PASSED_ON = ["theme", "help", "log", "settings"];
 
 export class Teaching {
   constructor(/** @type {Session} */ session) {

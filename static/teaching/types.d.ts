@@ -82,7 +82,7 @@ declare global {
   type ShapeLesson = {
     picture: Record<string, Drawable>;
     grid: Grid;
-    joints: import("../page/messages").JointInfo[];
+    joints: import("../page/messages").Doubt[];
     area_cm2: number;
     views: number;
   };
