@@ -19,7 +19,7 @@ import { Hover } from "./page/hover.js";
 import { startKeys } from "./page/keys.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "./page/notices.js";
 import { Page } from "./page/page.js";
-import { RejectMenu, Toolbar } from "./page/toolbar.js";
+import { Toolbar } from "./page/toolbar.js";
 import { Roving } from "./page/roving.js";
 import { loadScene, openScene, startScene } from "./page/scene.js";
 import { StatusLines } from "./page/status.js";
@@ -81,7 +81,6 @@ page.add(new Roving(page));
 const keyPointer = new KeyPointer();
 /** The lessons, once they are wanted. @type {Teaching | null} */
 let teaching = null;
-const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
   message(message) {
@@ -247,7 +246,11 @@ const PAGE_ACTIONS = {
     nudges.flush();
     send({ type: "auto", running: !page.state.auto.running });
   },
-  reject_menu: () => rejectMenu.open(page.state.reject_reasons),
+  reject_menu() {
+    const about = { description: "Reject the proposed view for this reason.", group: "reasons" };
+    const rows = page.state.reject_reasons.map((name, n) => ({ name, title: name, keys: [String(n + 1)], ...about }));
+    showCommands(rows, (reason) => decide("reject", { reason }), "Why is the view rejected?");
+  },
   pointer: () => keyPointer.toggle(),
   fit: () => canvas.fit(),
   zoom_in: () => canvas.zoomBy(1.4),

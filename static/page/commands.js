@@ -1,7 +1,9 @@
-// The sheet of commands: all that can be done here, with the keys; found by a few letters, and done when it is chosen.
+// The sheet of commands: what can be done here, or about one thing, with the keys; found by a few letters, and done when
+// it is chosen.
 
-import { buttonOf, find, make, within } from "./dom.js";
+import { find, make, within } from "./dom.js";
 import { keyName } from "./format.js";
+import { keyOf } from "./keys.js";
 
 /** @typedef {{ name: string; title: string; label?: string; description: string; keys: string[]; group: string }} Row */
 /** @typedef {Row & { why_not?: string | null }} Command */
@@ -16,8 +18,12 @@ export const GESTURES = [
   ["Wheel", "Zoom at the pointer."],
 ].map(([title, description]) => ({ name: "", title, description, keys: [], group: "pointer" }));
 
-/** Open it; `run(name)` performs the chosen command after the sheet has closed. */
-export function showCommands(/** @type {Command[]} */ commands, /** @type {(name: string) => void} */ run) {
+/**
+ * Open it; `run(name)` performs the chosen command after the sheet has closed.
+ * @param {Command[]} commands @param {(name: string) => void} run
+ * @param {string} about what they are about, if not the page; then the keys of each do it at once
+ */
+export function showCommands(commands, run, about = "") {
   const box = make("input", {
     id: "palette-box",
     type: "text",
@@ -29,11 +35,19 @@ export function showCommands(/** @type {Command[]} */ commands, /** @type {(name
     placeholder: "What do you want to do?",
     autocomplete: "off",
     spellcheck: "false",
+    class: about ? "unseen" : "",
     input: () => search(),
   });
   const list = make("ul#palette-list", { role: "listbox", label: "Commands" });
   const none = make("p.nothing", "No command has these words.");
-  const dialog = make("dialog#palette.sheet.palette", { "aria-label": "Commands" }, box, list, none);
+  const dialog = make(
+    "dialog#palette.sheet.palette",
+    { "aria-label": about || "Commands" },
+    about && make("p", about),
+    box,
+    list,
+    none,
+  );
   let shown = /** @type {Command[]} */ ([]);
   let at = 0;
 
@@ -86,9 +100,11 @@ export function showCommands(/** @type {Command[]} */ commands, /** @type {(name
 
   dialog.addEventListener("keydown", (event) => {
     const by = STEPS[event.key];
+    const own = about ? shown.findIndex(({ keys }) => keys.includes(keyOf(event))) : -1;
     if (by) choose(at + by);
     else if (event.key === "Enter") take(at);
     else if (event.key === "?" && !box.value) dialog.close();
+    else if (own >= 0) take(own);
     else return;
     event.preventDefault();
     event.stopPropagation();
@@ -99,7 +115,6 @@ export function showCommands(/** @type {Command[]} */ commands, /** @type {(name
   search();
   dialog.showModal();
   box.focus();
-  dialog.addEventListener("close", () => buttonOf("help")?.focus());
 }
 
 /** How well the words fit, less being better; infinite if one does not. */

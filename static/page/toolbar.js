@@ -1,6 +1,6 @@
 // The buttons: made from the server's table of actions, so that names, keys and reasons are one.
 
-import { buttonOf, byId, find, findAll, make, rebuild, setAllowed, setPressed, staysIn, taken } from "./dom.js";
+import { buttonOf, byId, findAll, make, rebuild, setAllowed, setPressed } from "./dom.js";
 import { tipOf } from "./format.js";
 import { stepOf } from "../active/panel.js";
 import { LAYERS, layerAction } from "../canvas/look.js";
@@ -62,7 +62,7 @@ export class Toolbar extends PagePart {
   more(/** @type {string} */ name) {
     const button = this.page.button(name, "▾");
     button.classList.add("more");
-    if (name === "reject_menu") button.setAttribute("aria-haspopup", "menu");
+    if (name === "reject_menu") button.setAttribute("aria-haspopup", "dialog");
     return button;
   }
 
@@ -86,51 +86,4 @@ export class Toolbar extends PagePart {
 function setTitle(action, title) {
   const text = buttonOf(action).firstChild;
   if (text) text.textContent = title;
-}
-
-/** The reasons to reject, as a menu under its button. */
-export class RejectMenu {
-  constructor(/** @type {(reason: string) => void} */ choose) {
-    this.choose = choose;
-    this.menu = byId("reject-menu");
-    this.menu.addEventListener("keydown", (event) => this.key(event));
-    this.menu.addEventListener("focusout", (event) => {
-      if (!staysIn(this.menu, event)) this.close();
-    });
-  }
-
-  open(/** @type {string[]} */ reasons) {
-    const at = buttonOf("reject").getBoundingClientRect();
-    this.menu.replaceChildren(
-      ...reasons.map((reason, i) =>
-        make("button", { role: "menuitem", click: () => this.take(reason) }, reason, make("kbd", String(i + 1))),
-      ),
-    );
-    this.menu.style.left = `${at.left}px`;
-    this.menu.style.top = `${at.bottom + 4}px`;
-    this.menu.hidden = false;
-    find("button", this.menu).focus();
-  }
-
-  take(/** @type {string} */ reason) {
-    this.close();
-    this.choose(reason);
-  }
-
-  close() {
-    this.menu.hidden = true;
-  }
-
-  key(/** @type {KeyboardEvent} */ event) {
-    const items = findAll("button", this.menu);
-    const at = items.indexOf(/** @type {HTMLElement} */ (document.activeElement));
-    const digit = Number(event.key);
-    if (event.key === "ArrowDown") items[(at + 1) % items.length].focus();
-    else if (event.key === "ArrowUp") items[(at + items.length - 1) % items.length].focus();
-    else if (event.key === "Escape") this.close();
-    else if (digit >= 1 && digit <= items.length) items[digit - 1].click();
-    else if (event.key !== "Enter" && event.key !== " " && event.key !== "Tab") return;
-    else return event.stopPropagation();
-    taken(event);
-  }
 }

@@ -17,7 +17,7 @@ def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
     tab.click_shape()
     found["accepted, with a pick"] = tab.findings()
     tab.page.locator(".view.accepted").press("Enter")
-    tab.page.locator("#view-card").wait_for()
+    tab.page.locator("#palette").wait_for()
     found["card of a view"] = tab.findings()
     keys.press("Escape")
     keys.press("Shift+E")

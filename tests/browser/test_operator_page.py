@@ -47,7 +47,7 @@ class ByMouse:
 
     def reopen(self, view):
         self.press(f"view-{view}")
-        self.page.locator("#view-card").get_by_role("button", name="Reopen").click()
+        self.page.get_by_role("option", name="Reopen").click()
 
     def close(self):
         self.page.locator("dialog[open] .button", has_text="Close").click()
