@@ -231,8 +231,8 @@ async function openLessons() {
     views: () => page.state.views.length,
     progress: () => page.state.lesson,
     garment: () => page.state.garment?.revision ?? 0,
-    other: () => page.state.other?.revision ?? 0,
-    findOther: () => send({ type: "other_side" }),
+    doubts: () => page.doubts.found?.revision ?? null,
+    findOther: () => page.thisSide.other?.layers ?? send({ type: "other_side" }),
     shape: () => page.doubts.lesson,
     run,
   });

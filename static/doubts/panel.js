@@ -138,6 +138,8 @@ export class DoubtsPanel extends PagePart {
       picture: { shape: shown.image instanceof Pyramid ? shown.image.at(1) : shown.image },
       grid: shown.grid,
       joints: this.list.filter(({ kind }) => kind === "joint"),
+      seams: this.list.filter(({ kind }) => kind === "seam"),
+      outlines: [this.found?.this_outline_uv_m ?? [], this.found?.other_outline_uv_m ?? []],
       area_cm2: thisSide.layers.area_cm2,
       views: thisSide.step,
     };

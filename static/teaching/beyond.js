@@ -12,6 +12,7 @@ const NO_ITEM = 2; // of the labels, as 1 and -1 the sides
 const STRIPE_PX = 6; // undecided cloth is striped, so that it differs without colour, too
 const TRUSTED = 0.6; // an edge that counts this much is drawn as well seen
 const EXAGGERATED = 5; // as often are residuals drawn as long as they are
+const MOST_APART_M = 0.1;
 
 /** Bars for possibilities, as many as there is room for. @param {Sheet} sheet @param {Rect} rect @param {Possibility[]} all */
 function drawBars(sheet, rect, all) {
@@ -152,29 +153,32 @@ const joint = {
   },
 };
 
-/** @type {StageCode<SeamsLesson>} */
+/** @type {StageCode<ShapeLesson>} */
 const seams = {
   draw(sheet, rect, lesson) {
-    const { array, joins } = lesson;
+    const [own, its] = lesson.outlines;
+    const joined = lesson.seams.filter((seam) => !seam.is_apart);
     const { color } = sheet;
-    const loops = Object.entries(array).filter(([name]) => name.includes("_loop_"));
-    const box = boxOfPoints(loops.flatMap(([, uv]) => [...uv]));
+    if (!its.length)
+      return [...ending.draw(sheet, rect, lesson, { at: [0, 0], time: 0 }), ["Other side", "not known yet"]];
+    const mirrored = its.map((loop) => loop.map(([u, v]) => [-u, v]));
     const inner = sheet.titled(rect, "One plane", "the other side through this one");
-    sheet.show("seams", box, inner, { margin: 18, bar: true }, (map) => {
-      for (const [name, uv] of loops) sheet.loop(map, uv, name.startsWith("this") ? color.kept : color.new, 1.6);
-      joins.forEach((isJoined, n) => {
-        const [own, its] = [array[`this_seam_${n}`], array[`other_seam_${n}`]];
-        for (let i = 0; isJoined && i < own.length; i += 2) {
-          const far = [0, 1].map((axis) => own[i + axis] + EXAGGERATED * (its[i + axis] - own[i + axis]));
-          sheet.line(map.at(own[i], own[i + 1]), map.at(far[0], far[1]), color.pair, 1);
-        }
-        sheet.dots(map, own, 2, isJoined ? color.pair : color.sample);
-      });
+    sheet.show("seams", boxOfPoints([...own, ...mirrored].flat(2)), inner, { margin: 18, bar: true }, (map) => {
+      for (const loop of own) sheet.loop(map, loop.flat(), color.kept, 1.6);
+      for (const loop of mirrored) sheet.loop(map, loop.flat(), color.new, 1.6);
+      for (const { this_uv_m, other_uv_m, is_apart } of lesson.seams) {
+        this_uv_m.forEach(([u, v], n) => {
+          const [du, dv] = [-other_uv_m[n][0] - u, other_uv_m[n][1] - v];
+          // Where a floating piece is drawn, it does not lie.
+          if (is_apart || Math.hypot(du, dv) > MOST_APART_M) return;
+          sheet.line(map.at(u, v), map.at(u + EXAGGERATED * du, v + EXAGGERATED * dv), color.pair, 1);
+        });
+        sheet.dots(map, this_uv_m.flat(), 2, is_apart ? color.sample : color.pair);
+      }
     });
     return [
-      ["This side, other side", `${cm2(lesson.this_cm2)}, ${cm2(lesson.other_cm2)}`],
-      ["Sets of places", `${joins.length}, ${joins.filter(Boolean).length} join`],
-      ["Residual, median", lesson.residual_mm === null ? "–" : `${number(lesson.residual_mm, 1)} mm`],
+      ["Sets of places", `${lesson.seams.length}, ${joined.length} join`],
+      ["Joined along", `${number(joined.reduce((sum, seam) => sum + seam.length_mm, 0) / 10, 0)} cm`],
     ];
   },
 };
