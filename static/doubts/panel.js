@@ -79,8 +79,8 @@ export class DoubtsPanel extends PagePart {
   }
 
   get status() {
-    const { chosen, at, held, list, shown } = this;
-    return { chosen, at, list, shown, held: Boolean(held) };
+    const { chosen, at, held, list, shown, isBehind } = this;
+    return { chosen, at, list, shown, isBehind, held: Boolean(held) };
   }
 
   toggle() {
@@ -191,12 +191,7 @@ export class DoubtsPanel extends PagePart {
       "li",
       make(
         "button.button.small.doubt",
-        {
-          pressed: on,
-          key: `doubt-${n}`,
-          tip: "Click: show what holds it, and what may be true.",
-          click: () => this.choose(on ? null : n),
-        },
+        { pressed: on, key: `doubt-${n}`, click: () => this.choose(on ? null : n) },
         swatch(on ? "var(--accent)" : color),
         make("b", doubt.title),
         make("small", doubt.said),

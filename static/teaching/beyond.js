@@ -167,13 +167,13 @@ const seams = {
       for (const loop of own) sheet.loop(map, loop.flat(), color.kept, 1.6);
       for (const loop of mirrored) sheet.loop(map, loop.flat(), color.new, 1.6);
       for (const { this_uv_m, other_uv_m, is_apart } of lesson.seams) {
+        const off = this_uv_m.map(([u, v], n) => [-other_uv_m[n][0] - u, other_uv_m[n][1] - v]);
+        const isApart = is_apart || off.some(([du, dv]) => Math.hypot(du, dv) > MOST_APART_M); // it floats
         this_uv_m.forEach(([u, v], n) => {
-          const [du, dv] = [-other_uv_m[n][0] - u, other_uv_m[n][1] - v];
-          // Where a floating piece is drawn, it does not lie.
-          if (is_apart || Math.hypot(du, dv) > MOST_APART_M) return;
-          sheet.line(map.at(u, v), map.at(u + EXAGGERATED * du, v + EXAGGERATED * dv), color.pair, 1);
+          const to = map.at(u + EXAGGERATED * off[n][0], v + EXAGGERATED * off[n][1]);
+          if (!isApart) sheet.line(map.at(u, v), to, color.pair, 1);
         });
-        sheet.dots(map, this_uv_m.flat(), 2, is_apart ? color.sample : color.pair);
+        sheet.dots(map, this_uv_m.flat(), 2, isApart ? color.sample : color.pair);
       }
     });
     return [

@@ -60,7 +60,6 @@ def test_a_doubtful_shape_is_found_understood_and_repaired_by_four_keys_that_the
     placed = [piece["reason"] for piece in tab.state()["layers"]["pieces"] if piece["placed"]]
     assert placed == ["Placed by hand: no view connects it."]
     assert tab.state()["undo"] == "place a part by hand"
-    tab.shoot("joint-placed")
 
     page.keyboard.press("u")
     tab.until("!flatcloth.state.drawing && !flatcloth.state.layers.pieces.some((piece) => piece.placed)")
@@ -87,7 +86,7 @@ def it_is_shown_in_its_views_and_found_by_a_click(tab, panel):
 
 
 def the_part_is_turned_by_its_handle_and_snaps(tab):
-    tab.until("flatcloth.doubts.held && flatcloth.handles.places")
+    tab.until("flatcloth.doubts.held && !flatcloth.doubts.isBehind && flatcloth.handles.places")
 
     def turn(by_rad):
         canvas = tab.page.locator("#canvas").bounding_box()

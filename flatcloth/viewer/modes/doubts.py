@@ -18,7 +18,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, Floats, Rigid2
 from flatcloth.engine.garment import KnownGarment, decided_seam, piece_decision
 from flatcloth.engine.joints import Joint, joints_of, with_places
-from flatcloth.engine.sheet import SheetPiece, place_of_piece
+from flatcloth.engine.sheet import Sheet, SheetPiece, place_of_piece
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part, pixels_of_part, placed_by_hand
 from flatcloth.garments.placing import Placed
@@ -116,13 +116,13 @@ class DoubtService:
             doubts = [doubt for doubt, _ in self._list(revision)]
         except FlatclothError as error:
             return DoubtsInfo(revision=revision, trouble=str(error))
-        made = None if shape is None else shape.made
+        made, sheet = (None, None) if shape is None else (shape.made, shape.picture.sheet)
         method, has_links = self._page.integration.method, shape and self._cloth(shape) is not None
         return DoubtsInfo(
             revision=revision,
             trouble="" if has_links else NO_LINKS.format(method),
             doubts=doubts,
-            this_outline_uv_m=[] if made is None else outline_of(made.this.canonical.view),
+            this_outline_uv_m=[] if made is None or sheet is None else outline_of(sheet.canonical.view),
             other_outline_uv_m=[] if made is None else outline_of(made.sides.other.view),
         )
 
@@ -136,9 +136,9 @@ class DoubtService:
             yield self._piece(shape, piece, _place_by_garment(known, piece))
         if made is not None:
             points = {} if known is None else {n: p.uv_m for n, p in known.found.points.items()}
-            names = seam_names([made.this.places(s.this_uv_m)[1] for s in made.sides.seams], points)
+            names = seam_names([sheet.places(s.this_uv_m)[1] for s in made.sides.seams], points)
             for seam, name in zip(made.sides.seams, names, strict=True):
-                yield self._seam(made, seam, name)
+                yield self._seam(made, sheet, seam, name)
 
     # --- joints -----------------------------------------------------------------------------------
 
@@ -244,7 +244,7 @@ class DoubtService:
 
     # --- seams ------------------------------------------------------------------------------------
 
-    def _seam(self, made: OtherSheet, seam: Seam, name: str) -> tuple[Doubt, Decider]:
+    def _seam(self, made: OtherSheet, this: Sheet, seam: Seam, name: str) -> tuple[Doubt, Decider]:
         some, off_mm = _thinned(len(seam.xyz_m)), 1e3 * np.quantile(seam.residual_m, (0.5, 0.9))
         join = Choice("keep", "It joins both sides", "Keep", seam.probability)
         cut = Choice("cut", "It joins nothing", "Cut", 1.0 - seam.probability)
@@ -262,7 +262,7 @@ class DoubtService:
             f" {off_mm[0]:.1f} mm apart, nine tenths below {off_mm[1]:.1f} mm.{decided}{why}",
             length_mm=1e3 * seam.length_m,
             is_apart=bool(seam.why),
-            this_uv_m=_places(made.this.places(seam.this_uv_m)[1][some]),
+            this_uv_m=_places(this.places(seam.this_uv_m)[1][some]),
             other_uv_m=_places(made.sheet.places(seam.other_uv_m)[1][some]),
             seam_xyz_m=np.round(seam.xyz_m[some], 4).tolist(),
             views=sorted(views, key=lambda held: -held.places),

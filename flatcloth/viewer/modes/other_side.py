@@ -11,7 +11,7 @@ from flatcloth.core.errors import CancelledError
 from flatcloth.core.types import LaidPiece
 from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.result import uncertainty
-from flatcloth.engine.sheet import Sheet, lay_out, sheet_of
+from flatcloth.engine.sheet import lay_out
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering import layers
 from flatcloth.session.document import Document
@@ -57,8 +57,8 @@ class OtherSideController:
 
         ``busy``: wait until Auto has ended. Seams that are decided are wanted.
         """
-        document, sheet = (None, None) if picture is None else (picture.document, picture.sheet)
-        if document is None or sheet is None:
+        document = None if picture is None else picture.document
+        if document is None:
             if self.made is not None or self.is_working:
                 self.made, self.is_working, self._text = None, False, NOT_ASKED
             self._asked = None
@@ -72,7 +72,7 @@ class OtherSideController:
         self.is_working, self._text = True, ""
         self._page.executor.compute(
             "other side",
-            lambda: self._work(key, document, sheet),
+            lambda: self._work(key, document),
             self._take,
             "computing the other side",
             lambda: self._asked is key,
@@ -90,7 +90,7 @@ class OtherSideController:
 
     # --- the worker -----------------------------------------------------------------------------
 
-    def _work(self, key: tuple[Hashable, ...], document: Document, sheet: Sheet) -> OtherSheet | str:
+    def _work(self, key: tuple[Hashable, ...], document: Document) -> OtherSheet | str:
         def check() -> None:
             if self._asked is not key:
                 raise CancelledError  # the shape has changed since, or another recording was opened
@@ -101,9 +101,9 @@ class OtherSideController:
 
         with one_at_a_time(check):
             sides = self.both.joined(document, report, check=check)
-            return sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
+            return sides if isinstance(sides, str) else self._laid_out(key, sides)
 
-    def _laid_out(self, key: Hashable, document: Document, sides: JoinedSides, this: Sheet) -> OtherSheet:
+    def _laid_out(self, key: Hashable, sides: JoinedSides) -> OtherSheet:
         integration = self.both.integration
         sheet, truth = lay_out(sides.other), truth_of(integration.recording)
         if truth is not None:
@@ -114,7 +114,6 @@ class OtherSideController:
             revision=self._revision,
             key=key,
             sides=sides,
-            this=sheet_of(integration.canonical(document), document, sides.laid, this),
             sheet=sheet,
             legends=typed(found, dict[str, Legend]),
         )

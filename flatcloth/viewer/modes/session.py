@@ -336,8 +336,8 @@ class Application(PageController):
         """Show the other side with the shape that it was joined to."""
         made, picture = self.other.made, self.picture
         if picture is not None and picture.sheet is not None:
-            if made is not None and made.this is not picture.sheet:
-                self._work.forget_picture()  # both sides lay out this one, and its pieces
+            if made is not None and made.sides.laid:
+                self._work.forget_picture()  # seams lay its pieces
             self.picture = replace(picture, other=made)
             self._show_in_scene()
         self._garment.forget()  # one outline fits the edges of both sides

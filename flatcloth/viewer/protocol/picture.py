@@ -119,14 +119,12 @@ class Overlay:
 class OtherSheet:
     """The other side of the item, as seen from its own outside, on a sheet with its floating pieces.
 
-    ``revision`` grows with each result; ``this`` is the sheet that it was joined to; ``key`` is what both
-    depend on.
+    ``revision`` grows with each result; ``key`` is what both sides depend on.
     """
 
     revision: int
     key: Hashable
     sides: JoinedSides
-    this: Sheet
     sheet: Sheet
     legends: dict[str, Legend]
 
