@@ -9,6 +9,7 @@ import { LAYERS, layerAction, Looking } from "./canvas/look.js";
 import { Ruler } from "./canvas/ruler.js";
 import { Column } from "./layout/column.js";
 import { Layout } from "./layout/layout.js";
+import { GESTURES, showCommands } from "./page/commands.js";
 import { Connection } from "./page/connection.js";
 import { Dial, SceneMarks } from "./page/scene_marks.js";
 import { byId, showWords } from "./page/dom.js";
@@ -18,7 +19,7 @@ import { Hover } from "./page/hover.js";
 import { startKeys } from "./page/keys.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "./page/notices.js";
 import { Page } from "./page/page.js";
-import { showPalette, RejectMenu, showHelp, Toolbar } from "./page/toolbar.js";
+import { Toolbar } from "./page/toolbar.js";
 import { Roving } from "./page/roving.js";
 import { loadScene, openScene, startScene } from "./page/scene.js";
 import { StatusLines } from "./page/status.js";
@@ -50,6 +51,7 @@ const canvas = (page.canvas = new FlatCanvas({
     send({ type: "pick", ...canvas.located(u, v), ...(page.hasCamera ? { revision: canvas.layerRevision } : {}) }),
   hover: (u, v) => hover.at(u === null ? null : { u_m: u, v_m: v }),
   nudge: (by) => sendMove(by),
+  released: (moved) => page.doubts.dropped(moved),
   mayDrag: () => Boolean(page.state?.pending),
   moving: (by) => page.each("moving", by),
   placed: () => page.each("placed"),
@@ -74,12 +76,11 @@ page.verdicts = page.add(new Verdicts(page, decide));
 page.add(new Timeline(page, chooseView));
 page.add(new ReviewList(page));
 page.add(new ResultPanel(page));
-const column = page.add(new Column(page)); // after all that have a part of it
+const column = (page.column = page.add(new Column(page))); // after all that have a part of it
 page.add(new Roving(page));
 const keyPointer = new KeyPointer();
 /** The lessons, once they are wanted. @type {Teaching | null} */
 let teaching = null;
-const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
   message(message) {
@@ -103,9 +104,9 @@ const connection = new Connection({
   },
 });
 
-/** Whether there is something to move: the proposal, or the part of a joint. */
+/** Whether there is something to move: the proposal, or cloth in doubt. */
 function mayMove() {
-  return Boolean(page.state?.pending || page.joints.held);
+  return Boolean(page.state?.pending || page.doubts.held);
 }
 
 /** @type {Send} */
@@ -195,7 +196,7 @@ function run(/** @type {string} */ name, large = false) {
   if (name.startsWith("teach_")) return notify("info", "Open the teaching mode first (H).");
   if (name === "cancel" && page.offer("escape")) return;
   const action = page.action(name);
-  if (isMove(name) && page.joints.held) return nudges.move(name, large ? 10 : 1);
+  if (isMove(name) && page.doubts.held) return nudges.move(name, large ? 10 : 1);
   if (action.why_not !== null) {
     // Escape closes things all the time; it needs no lecture.
     if (name !== "cancel") notify("warning", action.why_not);
@@ -219,7 +220,7 @@ function run(/** @type {string} */ name, large = false) {
   column.reveal(name);
 }
 
-const PART = { description: "Show this part of the column.", keys: [""] }; // which have none
+const PART = { description: "Show this part of the column.", keys: [], group: "column" };
 
 async function openLessons() {
   await loadFrame();
@@ -230,9 +231,9 @@ async function openLessons() {
     views: () => page.state.views.length,
     progress: () => page.state.lesson,
     garment: () => page.state.garment?.revision ?? 0,
-    other: () => page.state.other?.revision ?? 0,
-    findOther: () => send({ type: "other_side" }),
-    shape: () => page.joints.lesson,
+    doubts: () => page.doubts.found?.revision ?? null,
+    findOther: () => page.thisSide.other?.layers ?? send({ type: "other_side" }),
+    shape: () => page.doubts.lesson,
     run,
   });
   teaching.takes("teach");
@@ -245,7 +246,11 @@ const PAGE_ACTIONS = {
     nudges.flush();
     send({ type: "auto", running: !page.state.auto.running });
   },
-  reject_menu: () => rejectMenu.open(page.state.reject_reasons),
+  reject_menu() {
+    const about = { description: "Reject the proposed view for this reason.", group: "reasons" };
+    const rows = page.state.reject_reasons.map((name, n) => ({ name, title: name, keys: [String(n + 1)], ...about }));
+    showCommands(rows, (reason) => decide("reject", { reason }), "Why is the view rejected?");
+  },
   pointer: () => keyPointer.toggle(),
   fit: () => canvas.fit(),
   zoom_in: () => canvas.zoomBy(1.4),
@@ -256,23 +261,22 @@ const PAGE_ACTIONS = {
     notify("info", on ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
   },
   export: () => showExports(notify, page.state),
-  palette() {
-    const modes = ["", ...modesNow().slice(0, page.joints.held ? 2 : 1)];
-    const known = page.state.actions.filter((a) => a.name !== "palette" && modes.includes(a.mode));
-    const parts = column.parts.filter(([part]) => !page.action(part));
-    const rows = parts.map(([name, title]) => ({ ...known[0], name, title, ...PART, why_not: null }));
-    showPalette([...known, ...rows], (name) => (page.action(name) ? run(name) : column.choose(name)));
-  },
   home: () => location.assign("start"),
   log: showLog,
   theme: toggleTheme,
-  help: () => showHelp(page.state.actions, page.state.mode),
+  help() {
+    const modes = ["", "doubt", ...modesNow()];
+    const known = page.state.actions.filter((a) => a.name !== "help" && modes.includes(a.mode));
+    const parts = column.parts.filter(([part]) => !page.action(part));
+    const rows = parts.map(([name, title]) => ({ ...known[0], name, title, ...PART, why_not: null }));
+    showCommands([...known, ...rows, ...GESTURES], (name) => (page.action(name) ? run(name) : column.choose(name)));
+  },
 };
 
 /** The modes whose keys come first, the uppermost first. */
 const modesNow = () => [
   ...(teaching?.open ? ["teaching"] : []),
-  ...(page.joints.held ? ["joint"] : []),
+  ...(page.doubts.asks ? ["doubt"] : []),
   ...(page.state.capture || page.state.active ? ["capture"] : []),
   ...(page.hasCamera ? [] : ["session"]),
 ];

@@ -170,6 +170,9 @@ class CylinderIntegration:
             )
         return self._canonicals[key]
 
+    def cloth(self, _document: Document) -> None:
+        """The paper's method does not know how its shape hangs together."""
+
     def laid_out(self, document: Document) -> Canonical:
         return self.canonical(document)
 

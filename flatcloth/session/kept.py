@@ -2,9 +2,7 @@
 
 ``axis.json`` is the turning axis: one that was estimated or set by hand belongs to the session, so that
 resuming it, also with another version of this program, uses the same axis as the decisions did.
-``summary.json`` says how far the session is, for lists of sessions. ``ghosts.json`` are places where the
-piece that is placed by hand may belong: the garment and the seams say so while it floats; as the proposal it
-is no piece of theirs any more.
+``summary.json`` says how far the session is, for lists of sessions.
 """
 
 from __future__ import annotations
@@ -19,13 +17,13 @@ import numpy as np
 from flatcloth.core.decoding import Vector3, decoded
 from flatcloth.core.errors import JournalError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
-from flatcloth.core.types import Float64, Rigid2, RotationAxis
+from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.session.document import Document
 
 T = TypeVar("T")
 Metres = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
 """A coordinate of a place in front of the camera."""
-AXIS_FILE, SUMMARY_FILE, GHOSTS_FILE = "axis.json", "summary.json", "ghosts.json"
+AXIS_FILE, SUMMARY_FILE = "axis.json", "summary.json"
 _REMEDY = "Remove it to use the recording's own axis."
 
 
@@ -155,29 +153,6 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     ended: bool = False
 
 
-class Ghost(msgspec.Struct, frozen=True, kw_only=True):
-    """A place (plane of the shape from the component's own), what gives it, and its deviation."""
-
-    source: Literal["garment", "seams"]
-    theta_rad: float
-    u_m: Metres
-    v_m: Metres
-    std_m: Metres
-
-    @property
-    def motion(self) -> Rigid2:
-        """The motion to the place."""
-        return Rigid2(self.theta_rad, self.u_m, self.v_m)
-
-
-class Ghosts(msgspec.Struct, frozen=True, kw_only=True):
-    """The places of a component of a view."""
-
-    view_index: int = -1
-    component: int = -1
-    places: tuple[Ghost, ...] = ()
-
-
 def keep_summary(
     folder: Path | None, document: Document, area_m2: float, floating_m2: float, garment: str
 ) -> None:
@@ -195,16 +170,6 @@ def keep_summary(
 def read_summary(folder: Path) -> Summary | None:
     """Return how far a session is; None if it is not known."""
     return _kept(folder, SUMMARY_FILE, Summary)
-
-
-def keep_ghosts(folder: Path | None, ghosts: Ghosts) -> None:
-    """Save the ghosts; without them, after a restart, the piece is placed as before."""
-    _keep(folder, GHOSTS_FILE, ghosts)
-
-
-def read_ghosts(folder: Path | None) -> Ghosts:
-    """Return the ghosts that were saved; none if there are none, or if the file is damaged."""
-    return _kept(folder, GHOSTS_FILE, Ghosts) or Ghosts()
 
 
 def _keep(folder: Path | None, name: str, value: Any) -> None:

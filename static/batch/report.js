@@ -1,6 +1,5 @@
 // The page of a batch: what is chosen, sorted, filtered and decided; served, verdicts are kept.
 
-import { showDetails } from "./details.js";
 import { Table } from "./table.js";
 import { post } from "../page/connection.js";
 import { byId, make, optionsOf, setText } from "../page/dom.js";
@@ -55,7 +54,7 @@ const named = new Map(every.map((column) => [column.name, column]));
 // --- the table -------------------------------------------------------------------------------
 
 const picture = (/** @type {Row} */ { thumbnail: src }) =>
-  src && make("img", { src, alt: "", decoding: "async", width: 48, height: 48 });
+  src && make("img", { src, alt: "", decoding: "async", loading: "lazy", width: 48, height: 48 });
 
 const link = (/** @type {Row} */ { name }) =>
   make("a", { href: `#${encodeURIComponent(name)}`, title: `Open the session of ${name}` }, name);
@@ -156,8 +155,21 @@ function refresh() {
 
 function choose(/** @type {Row | null} */ row) {
   table.choose(row);
-  showDetails(byId("details"), row, every);
+  showDetails(row);
   state.chosen = row?.name ?? null;
+}
+
+/** Show a row of the table with all columns, or none. */
+function showDetails(/** @type {Row | null} */ row) {
+  if (!row) return byId("details").replaceChildren("Choose a result.");
+  /** @type {Record<string, string | null>} */
+  const classes = { outcome: row.outcome === "done" ? "done" : "bad", review: row.review };
+  const list = every.flatMap(({ name, title, meaning, show }) => {
+    const value = name === "name" ? "" : show(row);
+    return value ? [make("dt", { title: meaning ?? "" }, title), make("dd", { class: classes[name] }, value)] : [];
+  });
+  const picture = row.thumbnail && make("img", { src: row.thumbnail, alt: `The flattened shape of ${row.name}` });
+  byId("details").replaceChildren(make("h2", row.name), ...(picture ? [picture] : []), make("dl", list));
 }
 
 function showProgress() {
@@ -187,6 +199,7 @@ async function decide(/** @type {string | null} */ review) {
   const answer = await post("verdict", { name: row.name, verdict: review });
   if (!answer?.ok) return say((await answer?.text()) ?? NO_CONNECTION);
   row.review = review;
+  table.renew(row);
   showProgress();
   refresh();
   if (review) next();

@@ -27,12 +27,12 @@ export class Beside {
   get motion() {
     const [own, its] = [this.canvas.layer.shown, this.picture.shown];
     if (!own || !its) return null;
-    const { angle, flipped } = this.canvas.transform;
+    const { angle } = this.canvas.transform;
     const turned = (/** @type {UV[]} */ rim, /** @type {number} */ by) =>
       boxOfPoints(rim.flatMap(([u, v]) => applied([by, 0, 0], u, v)));
     const here = turned(this.canvas.layer.rim, angle);
     const there = turned(this.picture.rim, -angle);
-    const shift = flipped ? here.left - GAP_M - there.right : here.right + GAP_M - there.left;
+    const shift = here.right + GAP_M - there.left;
     return [-2 * angle, Math.cos(angle) * shift, -Math.sin(angle) * shift];
   }
 

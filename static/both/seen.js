@@ -27,8 +27,6 @@ export function turned(/** @type {FoundGarment | null} */ found) {
       outline_uv_m: found.outline_uv_m.map(mirrored),
       points: found.points.map((point) => ({ ...point, uv_m: mirrored(point.uv_m) })),
       upright_rad: -found.upright_rad,
-      pieces: [],
-      links: [],
     }
   );
 }

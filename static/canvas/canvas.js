@@ -29,6 +29,7 @@ const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false 
  * @property {(u: number, v: number) => void} pick a click on the cloth
  * @property {(u: number | null, v: number) => void} hover the pointer is at a place, or (null) has left the canvas
  * @property {(by: By) => void} nudge the proposal was dragged
+ * @property {(moved: boolean) => void} [released] what was held is let go
  * @property {() => boolean} mayDrag
  * @property {(by: By) => void} [moving] the proposal is being moved
  * @property {() => void} [placed] the proposal is drawn where the server has put it
@@ -225,9 +226,9 @@ export class FlatCanvas {
     this.redraw();
   }
 
-  /** Turn and flip what is seen; the data stay as they are. */
-  turnTo(/** @type {number} */ angle, /** @type {boolean} */ flipped) {
-    this.transform.turn(angle, flipped, this.width / 2, this.height / 2);
+  /** Turn what is seen; the data stay as they are. */
+  turnTo(/** @type {number} */ angle) {
+    this.transform.turn(angle, this.width / 2, this.height / 2);
     if (this.fitted) this.fit();
     this.redraw();
   }
@@ -263,8 +264,8 @@ export class FlatCanvas {
    * @param {number} turn @param {number} right @param {number} down
    */
   asSeen(turn, right, down) {
-    const { scale, flipped } = this.transform;
-    return { theta: flipped ? -turn : turn, ...this.transform.toPlaneVector(scale * right, scale * down) };
+    const { scale } = this.transform;
+    return { theta: turn, ...this.transform.toPlaneVector(scale * right, scale * down) };
   }
 
   redraw() {
@@ -338,7 +339,7 @@ export class FlatCanvas {
     canvas.addEventListener("pointerdown", (event) => this.press(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
     canvas.addEventListener("pointerup", (event) => this.release(event));
-    canvas.addEventListener("pointercancel", () => (this.gesture = null));
+    canvas.addEventListener("pointercancel", () => this.cancel());
     canvas.addEventListener("pointerleave", () => this.handlers.hover(null, 0));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     onWheel(canvas, (factor, event) => {
@@ -353,6 +354,7 @@ export class FlatCanvas {
   cancel() {
     if (this.gesture && this.gesture.kind !== "pan") this.resetPreview();
     this.gesture = null;
+    this.handlers.released?.(false);
     for (const tool of this.tools) tool.cancel?.();
   }
 
@@ -443,6 +445,7 @@ export class FlatCanvas {
     this.gesture = null;
     if (!gesture) return;
     if (gesture.tool) return gesture.tool.release(this.at(this.inPane(event)));
+    if (gesture.kind !== "pan") this.handlers.released?.(gesture.moved);
     if (!gesture.moved && gesture.button === 0) {
       const { u, v } = this.transform.toPlane(gesture.x, gesture.y);
       if (this.layer.shown) this.handlers.pick(u, v);

@@ -1,4 +1,4 @@
-// Between the flattened plane (metres) and the pane (CSS pixels); the pane may be turned and flipped for looking.
+// Between the flattened plane (metres) and the pane (CSS pixels); the pane may be turned for looking.
 
 export class Transform {
   constructor() {
@@ -6,13 +6,11 @@ export class Transform {
     this.x = 0;
     this.y = 0;
     this.angle = 0; // radians, clockwise as seen
-    this.flipped = false; // left and right exchanged, before the turn
   }
 
   get axes() {
     const [cos, sin] = [this.scale * Math.cos(this.angle), this.scale * Math.sin(this.angle)];
-    const side = this.flipped ? -1 : 1;
-    return { ux: side * cos, uy: side * sin, vx: -sin, vy: cos };
+    return { ux: cos, uy: sin, vx: -sin, vy: cos };
   }
 
   toPane(/** @type {number} */ u, /** @type {number} */ v) {
@@ -55,14 +53,10 @@ export class Transform {
     this.scale = scale;
   }
 
-  /**
-   * Turn and flip to these, and keep what is under (x, y) there.
-   * @param {number} angle @param {boolean} flipped @param {number} x @param {number} y
-   */
-  turn(angle, flipped, x, y) {
+  /** Turn to an angle, and keep what is under (x, y) there. @param {number} angle @param {number} x @param {number} y */
+  turn(angle, x, y) {
     const { u, v } = this.toPlane(x, y);
     this.angle = angle;
-    this.flipped = flipped;
     const moved = this.toPane(u, v);
     this.pan(x - moved.x, y - moved.y);
   }

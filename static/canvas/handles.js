@@ -1,10 +1,9 @@
-// Handles of the proposal, or of the part of a joint: a ring turns it, its middle moves it; near a ghost, where it
-// may belong, it snaps.
+// Handles of the proposal, or of cloth in doubt: a ring turns it, its middle moves it; near a ghost, where it may
+// belong, it snaps.
 
-import { applied, boxOf, unapplied } from "./geometry.js";
+import { applied, boxOf } from "./geometry.js";
 import { drawLabel, drawRing, strokeLine, strokeRimmed, traceCross } from "./marks.js";
-import { byId, hasKeys, rebuild, smallButton } from "../page/dom.js";
-import { mm } from "../page/format.js";
+import { hasKeys } from "../page/dom.js";
 
 const REACH_PX = hasKeys() ? 13 : 24; // of a mouse or a finger
 const ABOVE_PX = 26; // of the ring over the proposal
@@ -12,7 +11,6 @@ const LABEL_PX = 26; // of a ghost, off its middle, away from the ring
 const SNAP_PX = 16;
 const SNAP_RAD = 0.14; // 8 degrees
 const SAME = 1e-6;
-const STILL = { theta_rad: 0, u_m: 0, v_m: 0 };
 
 export class Handles {
   name = "handles";
@@ -22,7 +20,7 @@ export class Handles {
     this.page = page;
     this.isAway = isAway;
     this.canvas = page.canvas;
-    this.snapped = /** @type {string | null} */ (null); // the source of the ghost
+    this.snapped = /** @type {string | null} */ (null); // the title of the ghost
     this.canvas.snap = (by) => this.snap(by);
     this.canvas.gripAt = (at) => this.gripAt(at);
     this.canvas.around.push(() => {
@@ -32,28 +30,16 @@ export class Handles {
     });
   }
 
-  update(/** @type {State} */ { pending }) {
-    const ghosts = pending?.ghosts ?? [];
-    rebuild(byId("ghosts"), [pending?.view_index, ghosts], () =>
-      ghosts.map((ghost) =>
-        smallButton(`Place ${titleOf(ghost)}`, () => this.layAt(ghost), {
-          key: `ghost-${ghost.source}`,
-          tip: "Place the piece where its ghost is drawn. Dragged near there, it snaps to it.",
-        }),
-      ),
-    );
-  }
-
   /** What the handles hold. @returns {Held | null} */
   get held() {
     const { page, canvas } = this;
     const { shown } = canvas.overlay;
     if (canvas.side === "other" || page.brush?.kind || this.isAway() || !page.state) return null;
-    if (!page.state.pending) return page.joints.held;
+    if (!page.state.pending) return page.doubts.held;
     if (!shown) return null;
     return {
       arm: [0, boxOf(shown.grid).top - canvas.center[1]],
-      ghosts: page.state.pending.ghosts.map((ghost) => ({ ...ghost, title: titleOf(ghost) })),
+      ghosts: [],
       draw: (motion) => canvas.drawPicture(shown, shown.outline ?? shown.image, false, motion),
     };
   }
@@ -75,26 +61,17 @@ export class Handles {
   /** What a press at a place of the pane takes hold of; null: no handle. @returns {"turn" | "drag" | null} */
   gripAt(/** @type {Point} */ at) {
     const { places } = this;
-    if (!places) return null;
     const near = (/** @type {Point} */ place) => Math.hypot(place.x - at.x, place.y - at.y) < REACH_PX;
-    return near(places.ring) ? "turn" : near(places.middle) ? "drag" : null;
+    if (places && near(places.ring)) return "turn";
+    const { u, v } = this.canvas.transform.toPlane(at.x, at.y);
+    return (places && near(places.middle)) || this.page.doubts.grabs(u, v) ? "drag" : null;
   }
 
   // --- ghosts ------------------------------------------------------------------------------------
 
-  /** The motion that leads what is held from where the server has it to a ghost. @returns {By} */
-  towards(/** @type {{ placement: Motionlike }} */ { placement }) {
-    const { canvas } = this;
-    const { theta_rad, u_m, v_m } = canvas.overlay.shown?.grid.placement ?? STILL;
-    const own = unapplied([theta_rad, u_m, v_m], canvas.center[0], canvas.center[1]);
-    const [u, v] = applied([placement.theta_rad, placement.u_m, placement.v_m], ...own);
-    const turn = placement.theta_rad - theta_rad;
-    return { theta: Math.atan2(Math.sin(turn), Math.cos(turn)), u: u - canvas.center[0], v: v - canvas.center[1] };
-  }
-
   /** Whether what is held lies there already. */
   isAt(/** @type {Ghost} */ ghost) {
-    const { theta, u, v } = this.towards(ghost);
+    const { theta, u, v } = this.canvas.byOf(ghost.motion);
     const { preview } = this.canvas;
     return Math.hypot(theta - preview.theta, u - preview.u, v - preview.v) < SAME;
   }
@@ -103,19 +80,14 @@ export class Handles {
   snap(/** @type {By} */ by) {
     this.snapped = null;
     for (const ghost of this.held?.ghosts ?? []) {
-      const to = this.towards(ghost);
+      const to = this.canvas.byOf(ghost.motion);
       const off = Math.hypot(to.u - by.u, to.v - by.v) * this.canvas.transform.scale;
       const turn = Math.abs(Math.atan2(Math.sin(to.theta - by.theta), Math.cos(to.theta - by.theta)));
       if (off > SNAP_PX || turn > SNAP_RAD) continue;
-      this.snapped = ghost.source;
+      this.snapped = ghost.title;
       return to;
     }
     return by;
-  }
-
-  /** Lay the proposal at a ghost. */
-  layAt(/** @type {Pending["ghosts"][number]} */ ghost) {
-    this.canvas.handlers.nudge(this.towards(ghost));
   }
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
@@ -138,12 +110,11 @@ export class Handles {
    */
   drawGhost(context, style, held, ghost, named) {
     const { canvas } = this;
-    const by = this.towards(ghost);
-    const motion = canvas.motionOf(by);
-    context.globalAlpha = ghost.source === this.snapped ? 0.85 : 0.4;
+    const { motion } = ghost;
+    context.globalAlpha = ghost.title === this.snapped ? 0.85 : 0.4;
     held.draw(motion);
     context.globalAlpha = 1;
-    const [u, v] = applied(motion, canvas.center[0] + (ghost.at?.[0] ?? 0), canvas.center[1] + (ghost.at?.[1] ?? 0));
+    const [u, v] = applied(motion, canvas.center[0] + ghost.at[0], canvas.center[1] + ghost.at[1]);
     const { x, y } = canvas.transform.toPane(u, v);
     context.font = "600 12px system-ui, sans-serif";
     context.textBaseline = "middle";
@@ -157,15 +128,7 @@ export class Handles {
 
   get status() {
     const { places, snapped } = this;
-    const ghosts = this.held?.ghosts.map((ghost) => this.towards(ghost)) ?? [];
+    const ghosts = this.held?.ghosts.map((ghost) => this.canvas.byOf(ghost.motion)) ?? [];
     return { places, ghosts, snapped, scale: this.canvas.transform.scale };
   }
 }
-
-/** @typedef {{ theta_rad: number; u_m: number; v_m: number }} Motionlike */
-
-/** @type {Record<string, string>} */
-export const TITLES = { garment: "by the garment", seams: "by seams" };
-
-const titleOf = (/** @type {Pending["ghosts"][number]} */ { source, std_mm }) =>
-  `${TITLES[source]} ± ${mm(std_mm, 0)}`;

@@ -1,4 +1,4 @@
-// Looking: the layer, the flattened view turned and flipped; what the 3D scene shows. The data stay as they are.
+// Looking: the layer, the flattened view turned; what the 3D scene shows. The data stay as they are.
 
 import { PagePart } from "../page/page.js";
 import { onPinch } from "./pinch.js";
@@ -7,7 +7,7 @@ import { number } from "../page/format.js";
 
 const STEP_DEG = 15;
 /** @type {Record<string, string>} */
-const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", ruler: "Ruler" };
+const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", ruler: "Ruler" };
 /** All layers; the table of actions has their titles, keys and descriptions. */
 export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place", "truth"];
 
@@ -31,7 +31,6 @@ export class Looking extends PagePart {
     look: () => this.toggle(),
     turn_left_seen: () => this.turnBy(-1),
     turn_right_seen: () => this.turnBy(1),
-    flip: () => this.flip(),
   };
   open = false;
   colored = "color"; // the layer that the 3D scene last got
@@ -39,7 +38,7 @@ export class Looking extends PagePart {
 
   constructor(/** @type {Page} */ page) {
     super(page);
-    this.chip.addEventListener("click", () => this.turn(0, false));
+    this.chip.addEventListener("click", () => this.turn(0));
     onPinch(
       this.canvas.canvas,
       () => this.canvas.cancel(),
@@ -57,28 +56,20 @@ export class Looking extends PagePart {
     canvas.redraw();
   }
 
-  // --- turn and flip ---------------------------------------------------------------------------
+  // --- turn ------------------------------------------------------------------------------------
 
   turnBy(/** @type {number} */ steps) {
-    const { angle, flipped } = this.canvas.transform;
-    const degrees = Math.round((angle * 180) / Math.PI) + STEP_DEG * steps;
-    this.turn((((degrees % 360) + 360) % 360) * (Math.PI / 180), flipped);
+    const degrees = Math.round((this.canvas.transform.angle * 180) / Math.PI) + STEP_DEG * steps;
+    this.turn((((degrees % 360) + 360) % 360) * (Math.PI / 180));
   }
 
-  /** Exchange left and right as they are seen now. */
-  flip() {
-    const { angle, flipped } = this.canvas.transform;
-    this.turn((2 * Math.PI - angle) % (2 * Math.PI), !flipped);
-  }
-
-  turn(/** @type {number} */ angle, /** @type {boolean} */ flipped) {
-    this.canvas.turnTo(angle, flipped);
+  turn(/** @type {number} */ angle) {
+    this.canvas.turnTo(angle);
     const degrees = Math.round((angle * 180) / Math.PI) % 360;
-    this.chip.hidden = degrees === 0 && !flipped;
-    const turned = degrees ? `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°` : "";
-    const text = [turned, flipped ? "flipped" : ""].filter(Boolean).join(", ");
+    this.chip.hidden = degrees === 0;
+    const text = `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°`;
     setText(this.chip, text);
-    this.chip.setAttribute("aria-label", `${text}: undo turn and flip`);
+    this.chip.setAttribute("aria-label", `${text}: undo the turn`);
   }
 
   /** The 3D scene is one for all tabs, so each tells only what its operator has changed. */

@@ -31,8 +31,7 @@ export class GarmentPanel extends PagePart {
   known = /** @type {State["garment"]} */ (null); // what the server says
   pointed = /** @type {string | null} */ (null); // the name of the point that is pointed at
   finished = false; // whether the finished shape was turned upright
-  /** @type {{ angle: number; flipped: boolean } | null} */
-  turnedFrom = null; // how the view was turned before it was turned upright, on the shown side
+  turnedFrom = /** @type {number | null} */ (null); // how the view was turned before it was turned upright, on the shown side
   upright = 0; // the angle at which the garment that was found last is upright
   moved = /** @type {{ name: string; u: number; v: number } | null} */ (null); // a point that the keys move
   actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
@@ -42,7 +41,7 @@ export class GarmentPanel extends PagePart {
   constructor(/** @type {Page} */ page) {
     super(page);
     // The outline, once the shape is upright; of the first views it may lie anywhere.
-    const isShown = () => this.turnedFrom && page.canvas.side === "this";
+    const isShown = () => this.turnedFrom !== null && page.canvas.side === "this";
     page.canvas.around.push(() => (isShown() && this.drawing.drawn?.outline_uv_m) || []);
   }
 
@@ -161,36 +160,30 @@ export class GarmentPanel extends PagePart {
     if (phase !== "finished" || this.finished || !garment?.found) return;
     this.finished = true;
     this.known = garment;
-    const { angle, flipped } = this.page.canvas.transform;
-    if (!this.turnedFrom && angle === 0 && !flipped) this.toggleUpright();
+    if (this.turnedFrom === null && this.page.canvas.transform.angle === 0) this.toggleUpright();
   }
 
   /** Recognised again, the garment may be upright at another angle: it stays upright unless somebody has turned it. */
   followUpright() {
     if (!this.found) return;
-    const { angle, flipped } = this.page.canvas.transform;
+    const { angle } = this.page.canvas.transform;
     const [before, now] = [this.upright, full(this.found.upright_rad)];
     this.upright = now;
-    if (this.turnedFrom && angle === before && !flipped && now !== before) this.page.looking.turn(now, false);
+    if (this.turnedFrom !== null && angle === before && now !== before) this.page.looking.turn(now);
   }
 
   toggleUpright() {
     const { looking, canvas } = this.page;
     if (!this.found) return this.page.notify("info", this.known?.text || "The garment is not known yet.");
-    if (this.turnedFrom) {
-      looking.turn(this.turnedFrom.angle, this.turnedFrom.flipped);
-      this.turnedFrom = null;
-    } else {
-      const { angle, flipped } = canvas.transform;
-      this.turnedFrom = { angle, flipped };
-      looking.turn(full(this.found.upright_rad), false);
-    }
+    const before = this.turnedFrom;
+    this.turnedFrom = before === null ? canvas.transform.angle : null;
+    looking.turn(before ?? full(this.found.upright_rad));
     this.page.changed();
   }
 
   /** The garment was turned over, and with it how it was turned before. */
   turned() {
-    if (this.turnedFrom) this.turnedFrom.angle = full(-this.turnedFrom.angle);
+    if (this.turnedFrom !== null) this.turnedFrom = full(-this.turnedFrom);
     this.upright = full(-this.upright);
   }
 
@@ -273,10 +266,10 @@ export class GarmentDrawing {
     this.page.redrawMarks();
   }
 
-  /** What is drawn: the dragged outline, or the one that was found; null: nothing, as where a joint is decided about. */
+  /** What is drawn: the dragged outline, or the one that was found; null: nothing, as where cloth in doubt is decided about. */
   get drawn() {
     const { panel } = this;
-    if (!panel.shown || !panel.found?.kind || this.page.hasCamera || this.page.joints.held) return null;
+    if (!panel.shown || !panel.found?.kind || this.page.hasCamera || this.page.doubts.held) return null;
     return this.preview ?? panel.found;
   }
 

@@ -21,10 +21,9 @@ const PARTS = [
   ["proposal", "Proposal", ["proposal"], ["pairs", "fit_pairs", "refine"]],
   ["result", "Result", ["result"], ["result"]],
   ["pick", "Pick", ["pick", "picks"], []],
-  ["floating", "Pieces", ["floating"], []],
+  ["doubts", "Doubts", ["doubts"], ["doubt_next"]],
   ["garment", "Garment", ["garment"], ["garment"]],
-  ["both-sides", "Sides", ["both-sides"], ["turn_over", "beside", "seams"]],
-  ["joints", "Joined", ["joints"], ["joints", "joint_next"]],
+  ["both-sides", "Sides", ["both-sides"], ["turn_over", "beside"]],
   ["sides", "Strokes", ["sides"], STROKES],
   ["look", "Look", ["look"], ["look"]],
 ];
@@ -32,6 +31,7 @@ const PARTS = [
 export class Column extends PagePart {
   name = "column";
   part = "pick";
+  usual = "pick"; // of the moment
   moment = "";
   tabs = byId("column-tabs");
   body = byId("column-part");
@@ -45,12 +45,15 @@ export class Column extends PagePart {
   update(/** @type {State} */ state) {
     const names = this.parts.map(([name]) => name);
     const [moment, part] = momentOf(state, names, this.page.recordingIsWrong);
+    const before = this.part;
+    this.usual = part;
     if (moment !== this.moment) {
       this.moment = moment;
       this.part = part;
     }
     if (!names.includes(this.part)) this.part = names.includes(part) ? part : (names[0] ?? "pick");
     this.show();
+    if (this.part !== before) queueMicrotask(() => this.page.changed()); // what is marked is that of the part in sight
     this.showSelection(state);
   }
 
@@ -70,7 +73,8 @@ export class Column extends PagePart {
     this.part = part;
     this.body.scrollTop = 0;
     this.show();
-    if (this.page.state) this.showSelection(this.page.state);
+    this.page.changed();
+    this.page.redrawMarks();
   }
 
   /** Before an action: whether it only brings a part that is there already, but not in sight. */
@@ -117,7 +121,7 @@ export class Column extends PagePart {
 }
 
 const HELD = "Position x y z in the object frame";
-const ONLY_SHOWN = ["result", "look", "joints", "garment"]; // actions that do nothing else
+const ONLY_SHOWN = ["result", "look", "garment"]; // actions that do nothing else
 
 /** What the page is at, and the part that it needs. @returns {[moment: string, part: string]} */
 function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts, /** @type {boolean} */ isWrong) {

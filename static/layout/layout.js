@@ -14,13 +14,12 @@ const TITLES = { both: "Both", flat: "Flattened", scene: "3D", details: "Details
 const PANE_OF = {
   diagnostics: "scene",
   source_image: "scene",
-  source_large: "scene",
   source_mask: "scene",
   source_states: "scene",
   follow: "scene",
   look: "details",
   pairs: "flat",
-  joint_next: "flat",
+  doubt_next: "flat",
 };
 
 /** The kind of layout for a window, and the panes that can be chosen there. */

@@ -83,7 +83,7 @@ export class Page {
     this.show();
     // Upright, as the operator page shows a finished garment.
     const turn = history.garment.found?.kind ? history.garment.found.upright_rad : 0;
-    if (turn) this.flat.turnTo((turn + 2 * Math.PI) % (2 * Math.PI), false);
+    if (turn) this.flat.turnTo((turn + 2 * Math.PI) % (2 * Math.PI));
   }
 
   button(/** @type {string} */ name) {
@@ -163,9 +163,9 @@ export class Page {
     this.layers = shown.layers;
     this.flat.boxes.clear();
     this.flat.extent = null;
-    const { angle, flipped } = this.flat.transform;
+    const { angle } = this.flat.transform;
     this.flat.fitted = true;
-    this.flat.turnTo((2 * Math.PI - angle) % (2 * Math.PI), flipped); // what was up stays up
+    this.flat.turnTo((2 * Math.PI - angle) % (2 * Math.PI)); // what was up stays up
     this.show();
   }
 

@@ -34,7 +34,6 @@ export interface Ids {
   turned: HTMLButtonElement;
   viser: HTMLIFrameElement;
   menu: HTMLButtonElement;
-  "palette-box": HTMLInputElement;
   "live-frame": HTMLInputElement;
   "live-rate": HTMLSelectElement;
   increment: HTMLSelectElement;
@@ -50,8 +49,6 @@ export interface Ids {
   review: HTMLSelectElement;
   command: HTMLDialogElement;
   exports: HTMLDialogElement;
-  help: HTMLDialogElement;
   log: HTMLDialogElement;
-  palette: HTMLDialogElement;
   settings: HTMLDialogElement;
 }

@@ -1,7 +1,6 @@
-// The action of a key in the current mode, from the table of actions; and the sheet of keys.
+// The action of a key in the current mode, from the table of actions.
 
-import { byId, make, openSheet, taken, targetOf } from "./dom.js";
-import { keyName } from "./format.js";
+import { taken, targetOf } from "./dom.js";
 import { isMove } from "../canvas/nudges.js";
 
 const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen"];
@@ -58,37 +57,4 @@ export function keyOf(/** @type {KeyboardEvent} */ event) {
   if (event.key === " ") return "Space";
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   return event.ctrlKey ? `Ctrl+${key}` : key;
-}
-
-/** A part of the sheet: keys, title, what it does. @param {string} title @param {HelpRow[]} rows */
-export const keySection = (title, rows) =>
-  make(
-    "section",
-    make("h3", title),
-    make(
-      "dl.keys",
-      ...rows.flatMap(([keys, name, about]) => [
-        make("dt", ...keys.map((key) => make("kbd", key))),
-        make("dd", name && [make("strong", name), " "], about),
-      ]),
-    ),
-  );
-
-/**
- * The actions of a group as such a part.
- * @param {string} title @param {string} group
- * @param {{ group: string; keys: string[]; title: string; label?: string; description: string }[]} actions
- */
-export const actionSection = (title, group, actions) =>
-  keySection(
-    title,
-    actions
-      .filter((action) => action.group === group)
-      .map(({ keys, label, title, description }) => [keys.slice(0, 2).map(keyName), label ?? title, description]),
-  );
-
-export function showKeys(/** @type {HTMLElement[]} */ sections) {
-  byId("help-body").replaceChildren(...sections);
-  openSheet("help", "?");
-  byId("help").scrollTop = 0; // the button that has the focus is at its end
 }

@@ -42,14 +42,6 @@ export interface LeaveOut {
   component: number;
 }
 
-/** Place a floating piece by hand, shifted: a view that shows much of it becomes the proposal there. */
-export interface PlacePiece {
-  type: "place_piece";
-  label: string;
-  u_m?: number;
-  v_m?: number;
-}
-
 /** Refine the pending view from where it lies. */
 export interface Refine {
   type: "refine";
@@ -244,22 +236,6 @@ export interface ReleasePoints {
   name?: string | null;
 }
 
-/** Lay a floating piece where the garment has a place for it, or refuse that place. */
-export interface DecidePiece {
-  type: "decide_piece";
-  label: string;
-  accepted: boolean;
-}
-
-/** Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``. */
-export interface DecideJoint {
-  type: "decide_joint";
-  revision: number;
-  index: number;
-  cut: boolean;
-  place?: [number, number, number] | null;
-}
-
 /** Pick a named point of the garment as a grasp. */
 export interface PickPoint {
   type: "pick_point";
@@ -271,12 +247,13 @@ export interface ShowOther {
   type: "other_side";
 }
 
-/** Cut a seam, or keep it: ``index`` in the list of seams at this ``revision`` of the other side. */
-export interface DecideSeam {
-  type: "decide_seam";
+/** Decide about a hypothesis: ``index`` in the list of what is in doubt at this ``revision``. */
+export interface Decide {
+  type: "decide";
   revision: number;
   index: number;
-  keep: boolean;
+  how: "cut" | "hand" | "keep" | "place";
+  place?: [number, number, number];
 }
 
 /** Every message that the page sends. */
@@ -286,7 +263,6 @@ export type ClientMessage =
   | Preview
   | TakePart
   | LeaveOut
-  | PlacePiece
   | Refine
   | Pairs
   | Hover
@@ -313,11 +289,9 @@ export type ClientMessage =
   | HoldPoint
   | PreviewPoint
   | ReleasePoints
-  | DecidePiece
-  | DecideJoint
   | PickPoint
   | ShowOther
-  | DecideSeam;
+  | Decide;
 
 /** The state of the page: what the mode does not have is None, or the default. */
 export interface PageState {
@@ -356,6 +330,7 @@ export interface PageState {
   sides: SidesInfo | null;
   garment: GarmentInfo | null;
   other: OtherSideInfo | null;
+  doubts: number | null;
   capture: CaptureStatus | null;
   active: ActiveStatus | null;
 }
@@ -394,7 +369,6 @@ export interface FloatingPiece {
   file: string;
   area_cm2: number;
   reason: string;
-  views: number[];
   color: string;
   placed: boolean;
   grid: Grid;
@@ -584,7 +558,6 @@ export interface PendingInfo {
   brings: JoinedPieceInfo | null;
   foreseen: Foreseen | null;
   checks: Check[];
-  ghosts: GhostInfo[];
   joins: boolean | null;
 }
 
@@ -636,13 +609,6 @@ export interface Check {
   place_uv_m: [number, number] | null;
 }
 
-/** Where a piece placed by hand would lie by the garment, or by seams, with its deviation there. */
-export interface GhostInfo {
-  source: "garment" | "seams";
-  placement: Rigid2;
-  std_mm: number;
-}
-
 /** ``token`` changes when the pictures of the views do; ``flags`` are the texts of the views' flags. */
 export interface ReviewInfo {
   token: string;
@@ -681,7 +647,6 @@ export interface FoundGarment {
   outline_uv_m: [number, number][];
   points: GarmentPointInfo[];
   upright_rad: number;
-  pieces: GarmentPiece[];
 }
 
 /** A dimension of the garment and its standard deviation. */
@@ -701,16 +666,6 @@ export interface GarmentPointInfo {
   xyz_m: [number | null, number | null, number | null] | null;
 }
 
-/** A floating piece that the garment has a place for, and its outline there. */
-export interface GarmentPiece {
-  label: string;
-  probability: number;
-  std_mm: number;
-  sure: boolean;
-  state: "placed" | "proposed" | "refused";
-  outline_uv_m: [number, number][][];
-}
-
 /** The other side of the item; ``layers`` None: it is not computed, ``text`` says why. */
 export interface OtherSideInfo {
   revision: number;
@@ -719,21 +674,7 @@ export interface OtherSideInfo {
   text: string;
   layers: Layers | null;
   is_related: boolean;
-  seams: SeamInfo[];
   reliable_share: number | null;
-}
-
-/** A seam between a piece of this side and one of the other; ``why`` says why it does not join them. */
-export interface SeamInfo {
-  this_piece: string;
-  other_piece: string;
-  length_mm: number;
-  places: number;
-  residual_mm: [number, number];
-  this_views: number[];
-  other_views: number[];
-  why: string;
-  decided: "cut" | "keep" | null;
 }
 
 /** The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed. */
@@ -1028,58 +969,56 @@ export interface ItemBox {
   width: number;
 }
 
-/** The outlines of both sides, each on its own plane, and the places of all seams. */
-export interface SidePlaces {
-  this_outline_uv_m: [number, number][][];
-  other_outline_uv_m: [number, number][][];
-  seams: SeamPlaces[];
-}
-
-/** Where a seam lies on the sheets of both sides, in space, and how far apart its motion leaves it. */
-export interface SeamPlaces {
-  this_uv_m: [number, number][];
-  other_uv_m: [number, number][];
-  xyz_m: [number, number, number][];
-  residual_mm: number[];
-}
-
-/** The answer of ``/joints/REVISION.json``: the weakest joints first; ``trouble`` if there are none. */
-export interface JointsInfo {
+/** The answer of ``/doubts/REVISION.json``: the joints first, the weakest before the others. */
+export interface DoubtsInfo {
   revision: number;
   trouble: string;
-  joints: JointInfo[];
+  doubts: Doubt[];
+  this_outline_uv_m: [number, number][][];
+  other_outline_uv_m: [number, number][][];
 }
 
-/** Where a part of the shape is joined to the rest, and what holds it. */
-export interface JointInfo {
+/** A hypothesis about the shape: a joint that holds a part, a floating piece, or a seam of both sides. */
+export interface Doubt {
+  kind: "joint" | "piece" | "seam";
+  title: string;
+  said: string;
+  note: string;
+  views: HeldByView[];
+  choices: Choice[];
   area_cm2: number;
-  evidence: number;
-  weak: boolean;
+  length_mm: number;
   probability: number;
-  kept: boolean;
+  weak: boolean;
+  is_apart: boolean;
   outline_uv_m: [number, number][][];
+  pivot_uv_m: [number, number];
+  arm_uv_m: [number, number];
   ends_uv_m: [[number, number], [number, number]][];
   length_m: number[];
+  this_uv_m: [number, number][];
+  other_uv_m: [number, number][];
   seam_xyz_m: [number, number, number][];
   part_xyz_m: [number, number, number][];
-  views: HeldByView[];
-  places: Place[];
 }
 
-/** A view that joins a part to the rest: pairs, median and ninth decile of residuals, and their pixels. */
+/** A view that shows what holds something: places, median residual (None: unknown), and their pixels. */
 export interface HeldByView {
   view_index: number;
   angle_deg: number;
-  pairs: number;
-  residual_mm: [number, number];
+  places: number;
+  residual_mm: number | null;
   rc: [number, number][];
 }
 
-/** Where a part lies if its joint is false: what says so, its motion there, and how probable that is. */
-export interface Place {
-  by: "garment" | "seams";
-  shape_from_part: Rigid2;
-  probability: number;
+/** How a hypothesis can be decided: what is true then, what deciding it does, and where its cloth lies. */
+export interface Choice {
+  how: "cut" | "hand" | "keep" | "place";
+  title: string;
+  decide: string;
+  probability: number | null;
+  placement: Rigid2;
+  std_mm: number | null;
 }
 
 /** Every message that the server sends as text. */

@@ -1,7 +1,7 @@
 // What the parts of the page share: the state, messages to the server, the buttons of actions, the registry of panels.
 
 import { Question } from "./connection.js";
-import { make, smallButton } from "./dom.js";
+import { make } from "./dom.js";
 import { keyName, tipOf } from "./format.js";
 
 export class Page {
@@ -22,7 +22,8 @@ export class Page {
     this.isSettled = false; // the first picture is there, or awaited no longer
     this.sourceMarks = /** @type {((view: number) => UV[])[]} */ ([]); // pixels that panels mark in a source image
     this.verdicts = /** @type {Verdicts} */ (later);
-    this.joints = /** @type {JointsPanel} */ (later);
+    this.doubts = /** @type {DoubtsPanel} */ (later);
+    this.column = /** @type {RightColumn} */ (later);
     this.brush = /** @type {SidesPanel} */ (later); // of the side of interest, for panels that can be painted on
     this.panels = /** @type {Panel[]} */ ([]);
   }
@@ -110,18 +111,6 @@ export class Page {
   /** Small buttons of actions, as a group. */
   group(/** @type {string} */ label, /** @type {string[]} */ actions) {
     return make("div.group", { role: "group", label }, ...actions.map((name) => this.smallButton(name)));
-  }
-
-  /**
-   * A button that decides about a thing of a list, unless the list is being made again.
-   * @param {string} title @param {ClientMessage} message @param {string} tip @param {boolean} waits
-   * @param {Attributes<"button">} more
-   */
-  decision(title, message, tip, waits, more) {
-    const click = () =>
-      waits ? this.notify("info", "The shape is being drawn; wait a moment.") : this.send(message);
-    const about = { tip: `${tip}\nUndo takes it back.`, "aria-disabled": waits ? "true" : null };
-    return smallButton(title, click, { ...about, ...more });
   }
 
   /** A button that turns the item to a view. @param {number} view @param {string} key @param {string} text */

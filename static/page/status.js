@@ -45,8 +45,8 @@ export class StatusLines extends PagePart {
 }
 
 /** What to do next, in a line; without the keys where there are none. */
-function hint(/** @type {Page} */ { thisSide, joints }) {
-  const text = joints.held ? joints.question : nextOf(thisSide, joints.doubt ?? "");
+function hint(/** @type {Page} */ { thisSide, doubts }) {
+  const text = doubts.asks ? doubts.question : nextOf(thisSide, doubts.told ?? "");
   return hasKeys() ? text : text.replace(/ \((Shift\+)?[A-Z.]\)/g, "");
 }
 
@@ -76,7 +76,7 @@ function nextOf(state, doubt) {
       return `${place}${pending.again ? " Undo (U) leaves it as it was." : ""}${waiting}`;
     }
     case "finished":
-      if (doubt) return `${endOf(state)}. ${doubt}: look why it is joined (Shift+Y).`;
+      if (doubt) return `${endOf(state)}. ${doubt}: look at the doubts (Shift+Y).`;
       return (
         `${endOf(state)}. ` +
         (state.sides ? "Without masks, some may be of the wrong side (see Result). " : "") +

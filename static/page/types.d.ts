@@ -14,7 +14,8 @@ import type { SceneMarks as SceneMarksClass } from "./scene_marks.js";
 import type { SidesPanel as SidesPanelClass } from "../panels/sides.js";
 import type { Verdicts as VerdictsClass } from "../review/verdicts.js";
 import type { GarmentPanel as GarmentPanelClass } from "../garment/panel.js";
-import type { JointsPanel as JointsPanelClass } from "../joints/panel.js";
+import type { DoubtsPanel as DoubtsPanelClass } from "../doubts/panel.js";
+import type { Column as ColumnClass } from "../layout/column.js";
 import type { Layout as LayoutClass } from "../layout/layout.js";
 
 declare global {
@@ -62,8 +63,6 @@ declare global {
       normal_held: (number | null)[];
       source_rc: (number | null)[];
     };
-  /** A row of the sheet of keys: keys, title, what it does. */
-  type HelpRow = [keys: string[], title: string, about: string];
 
   type PageHandlers = {
     send: Send;
@@ -141,7 +140,8 @@ declare global {
   type SidesPanel = SidesPanelClass;
   type Verdicts = VerdictsClass;
   type GarmentPanel = GarmentPanelClass;
-  type JointsPanel = JointsPanelClass;
+  type DoubtsPanel = DoubtsPanelClass;
+  type RightColumn = ColumnClass;
   type Layout = LayoutClass;
   type Child = E.Child;
   type Ids = E.Ids;
@@ -159,7 +159,7 @@ declare global {
   type XYZ = [number, number, number];
   type RGB = [number, number, number];
   /** A place at which what the handles hold may belong; its title is shown `at` a place from the centre. */
-  type Ghost = { source: string; title: string; placement: M.Rigid2; at?: UV };
+  type Ghost = { title: string; motion: Motion; at: UV };
   /** What the handles hold: the ring's place from the centre, ghosts, and how an outline is drawn. */
   type Held = { arm: UV; ghosts: Ghost[]; draw: (motion: Motion) => void };
   /** A rotation (radians), then a shift (metres). */

@@ -2,12 +2,11 @@
 
 import { BothSides } from "../both/panel.js";
 import { GarmentPanel } from "../garment/panel.js";
-import { JointsPanel } from "../joints/panel.js";
+import { DoubtsPanel } from "../doubts/panel.js";
 import { ActivePanel } from "../active/panel.js";
 import { CapturePanel } from "./capture.js";
 import { Diagnostics } from "./diagnostics.js";
 import { PicksPanel } from "./picks.js";
-import { PiecesPanel } from "./pieces.js";
 import { ProposalPanel } from "./proposal.js";
 import { Readout } from "./readout.js";
 import { SidesPanel } from "./sides.js";
@@ -21,10 +20,9 @@ export const PANELS = [
   CheckPanel,
   CapturePanel,
   ProposalPanel,
-  PiecesPanel,
   GarmentPanel,
   BothSides,
-  JointsPanel,
+  DoubtsPanel,
   PicksPanel,
   SidesPanel,
   SettingsSheet,

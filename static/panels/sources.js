@@ -27,7 +27,6 @@ import { KeptSwitch } from "../page/theme.js";
 
 const LEAST_PX = 120; // of the image's longer side; it grows with the scene
 const MOST_SHARE = 0.28; // of the scene's width and height
-const LARGE_SHARE = 0.7; // of the same, if it is shown large
 const MOST_ZOOM = 16;
 const LOW_PX = 420; // a scene that is lower than this keeps the most of it for itself
 const MARGIN = 0.12; // around the item, as a share of its size
@@ -60,14 +59,12 @@ export class SourcePanel extends PagePart {
   states = new PixelStates(() => this.show());
   actions = {
     source_image: () => this.toggle(this.folded),
-    source_large: () => this.toggle(this.large),
     source_mask: () => this.toggle(this.masked),
     source_states: () => this.toggle(this.states.shown),
   };
   panel = byId("sources");
   folded = new KeptSwitch("source-folded", innerWidth < 1200);
   masked = new KeptSwitch("source-mask", true);
-  large = new KeptSwitch("source-large");
   zoom = { factor: 1, row: 0, col: 0 }; // and the pixel in the middle
   present = /** @type {number | null} */ (null); // the view that the page is at
   pinned = /** @type {number | null} */ (null); // another view that the operator looks at
@@ -264,7 +261,6 @@ export class SourcePanel extends PagePart {
           smallButton("", back, { id: "source-back", key: "source-back", tip: "Show the view that the page is at" }),
           this.page.smallButton("source_mask"),
           this.page.smallButton("source_states"),
-          this.page.smallButton("source_large"),
           this.page.smallButton("source_image", "Fold"),
         ),
         make("div.source-body", this.imageCanvas, make("div#source-seen.source-seen")),
@@ -276,7 +272,6 @@ export class SourcePanel extends PagePart {
     const back = byId("source-back");
     back.hidden = this.pinned === null;
     setText(back, `Back to view ${this.present}`);
-    setPressed(buttonOf("source_large", this.panel), this.large.on);
     setPressed(buttonOf("source_mask", this.panel), this.masked.on);
     setPressed(buttonOf("source_states", this.panel), this.states.shown.on);
     this.states.show(byId("source-states"), this.view, this.revision);
@@ -366,9 +361,8 @@ export class SourcePanel extends PagePart {
     const item = this.itemBox(view);
     if (!color || !mask?.box || item === undefined) return;
     const whole = item ? withMargin(item, color) : mask.box;
-    const share = this.large.on ? LARGE_SHARE : MOST_SHARE;
     const [mostWide, mostHigh] = [this.scene.clientWidth, this.scene.clientHeight].map((px) =>
-      Math.max(this.scene.clientHeight < LOW_PX ? 0 : LEAST_PX, share * px),
+      Math.max(this.scene.clientHeight < LOW_PX ? 0 : LEAST_PX, MOST_SHARE * px),
     );
     const fit = Math.min(mostWide / whole.width, mostHigh / whole.height);
     const [width, height] = [Math.round(whole.width * fit), Math.round(whole.height * fit)];

@@ -47,11 +47,11 @@ export class ResultPanel extends PagePart {
     this.section.hidden = !state.review || !layers || Boolean(state.pending) || !(ended || this.asked);
     if (this.section.hidden || !layers) return;
     this.fetched.want(`review/result.json?revision=${layers.revision}`);
-    this.page.joints.want();
+    this.page.doubts.want();
     const found = this.found?.revision === layers.revision ? this.found : null;
     rebuild(
       this.section,
-      [state.views, state.sides?.certainty, layers, endedBy(state), found, state.other, this.page.joints.found],
+      [state.views, state.sides?.certainty, layers, endedBy(state), found, state.other, this.page.doubts.found],
       () => this.build(state, layers, found),
     );
   }
@@ -103,10 +103,10 @@ export class ResultPanel extends PagePart {
 
   /** What most doubtful cloth hangs on, and the way to look at it; if all else is sure, whether no joint is doubtful. */
   jointDoubt(/** @type {boolean} */ isSure, /** @type {number} */ reliable = 1) {
-    const { doubt } = this.page.joints;
+    const { told } = this.page.doubts;
     const rest = reliable < 0.9 ? "; the layer Uncertainty shows where places are not sure" : "";
-    if (doubt === "") return isSure && make("p.note", `No joint is doubtful${rest}.`);
-    return doubt && make("p.note.warn", `${doubt}: `, this.page.smallButton("joints"));
+    if (told === "") return isSure && make("p.note", `No joint is doubtful${rest}.`);
+    return told && make("p.note.warn", `${told}: `, this.page.smallButton("doubts"));
   }
 
   leftOut(/** @type {Left[]} */ every) {

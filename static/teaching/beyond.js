@@ -2,7 +2,7 @@
 
 import { boxOf, boxOfPoints, union } from "../canvas/geometry.js";
 import { words } from "../garment/marks.js";
-import { JointOptions } from "../joints/places.js";
+import { loopsAt, motionOf } from "../doubts/panel.js";
 import { cm2, count, degrees, number, percent, rgbOf } from "../page/format.js";
 import { columns, imageBox, rows, shareOf } from "./draw.js";
 import { between, lastOf, partsOf } from "./lesson.js";
@@ -12,6 +12,7 @@ const NO_ITEM = 2; // of the labels, as 1 and -1 the sides
 const STRIPE_PX = 6; // undecided cloth is striped, so that it differs without colour, too
 const TRUSTED = 0.6; // an edge that counts this much is drawn as well seen
 const EXAGGERATED = 5; // as often are residuals drawn as long as they are
+const MOST_APART_M = 0.1;
 
 /** Bars for possibilities, as many as there is room for. @param {Sheet} sheet @param {Rect} rect @param {Possibility[]} all */
 function drawBars(sheet, rect, all) {
@@ -116,62 +117,68 @@ const garment = {
 
 /** @type {StageCode<ShapeLesson>} */
 const joint = {
-  plays: ({ joints: [weakest] }) => (weakest ? new JointOptions(weakest).all.length - 1 : 0),
+  plays: ({ joints: [weakest] }) => (weakest ? weakest.choices.length - 1 : 0),
   draw(sheet, rect, lesson, { time }) {
     const [weakest] = lesson.joints;
     if (!weakest) return ending.draw(sheet, rect, lesson, { at: [0, 0], time });
     const { color } = sheet;
-    const options = new JointOptions(weakest);
-    const motions = options.all.map(({ motion }) => motion);
+    const { choices } = weakest;
+    const motions = choices.map(motionOf);
     const colors = [color.mark, color.new, color.kept]; // of the places, the first as it is
     const [left, right] = columns(rect, [1.7, 1]);
     const whole = boxOf(lesson.grid);
-    const box = union(whole, boxOfPoints(motions.flatMap((motion) => options.loopsAt(motion)).flat(2)));
+    const box = union(whole, boxOfPoints(motions.flatMap((motion) => loopsAt(weakest, motion)).flat(2)));
     const inner = sheet.titled(left, "The shape of this session", "one part may lie elsewhere");
     sheet.show("joint", box, inner, { margin: 18, bar: true }, (map) => {
       /** @type {(motion: Motion, color: string, width: number, dash?: number[]) => void} */
       const outline = (motion, look, width, dash) => {
-        for (const loop of options.loopsAt(motion)) sheet.loop(map, loop.flat(), look, width, dash);
+        for (const loop of loopsAt(weakest, motion)) sheet.loop(map, loop.flat(), look, width, dash);
       };
       sheet.picture(map, lesson.picture.shape, whole, 0.6);
       motions.forEach((motion, n) => outline(motion, colors[n] ?? color.soft, 1.8, [5, 4]));
       outline(between(motions, time), color.text, 2.4);
       sheet.dots(map, weakest.ends_uv_m.flat(2), 2.4, color.unused);
     });
-    const bars = options.all.map(({ title, probability }, n) => ({ name: title, probability, color: colors[n] }));
+    const bars = choices.map(({ title, probability }, n) => ({
+      name: title,
+      probability: probability ?? 0,
+      color: colors[n],
+    }));
     drawBars(sheet, sheet.titled(right, "Probability", "of each place"), bars);
     return [
       ["The part", cm2(weakest.area_cm2)],
       ["Held by", count(weakest.views.length, "view")],
-      ["Evidence C", number(weakest.evidence, 1)],
       ["Right with a probability of", percent(weakest.probability)],
     ];
   },
 };
 
-/** @type {StageCode<SeamsLesson>} */
+/** @type {StageCode<ShapeLesson>} */
 const seams = {
   draw(sheet, rect, lesson) {
-    const { array, joins } = lesson;
+    const [own, its] = lesson.outlines;
+    const joined = lesson.seams.filter((seam) => !seam.is_apart);
     const { color } = sheet;
-    const loops = Object.entries(array).filter(([name]) => name.includes("_loop_"));
-    const box = boxOfPoints(loops.flatMap(([, uv]) => [...uv]));
+    if (!its.length)
+      return [...ending.draw(sheet, rect, lesson, { at: [0, 0], time: 0 }), ["Other side", "not known yet"]];
+    const mirrored = its.map((loop) => loop.map(([u, v]) => [-u, v]));
     const inner = sheet.titled(rect, "One plane", "the other side through this one");
-    sheet.show("seams", box, inner, { margin: 18, bar: true }, (map) => {
-      for (const [name, uv] of loops) sheet.loop(map, uv, name.startsWith("this") ? color.kept : color.new, 1.6);
-      joins.forEach((isJoined, n) => {
-        const [own, its] = [array[`this_seam_${n}`], array[`other_seam_${n}`]];
-        for (let i = 0; isJoined && i < own.length; i += 2) {
-          const far = [0, 1].map((axis) => own[i + axis] + EXAGGERATED * (its[i + axis] - own[i + axis]));
-          sheet.line(map.at(own[i], own[i + 1]), map.at(far[0], far[1]), color.pair, 1);
-        }
-        sheet.dots(map, own, 2, isJoined ? color.pair : color.sample);
-      });
+    sheet.show("seams", boxOfPoints([...own, ...mirrored].flat(2)), inner, { margin: 18, bar: true }, (map) => {
+      for (const loop of own) sheet.loop(map, loop.flat(), color.kept, 1.6);
+      for (const loop of mirrored) sheet.loop(map, loop.flat(), color.new, 1.6);
+      for (const { this_uv_m, other_uv_m, is_apart } of lesson.seams) {
+        const off = this_uv_m.map(([u, v], n) => [-other_uv_m[n][0] - u, other_uv_m[n][1] - v]);
+        const isApart = is_apart || off.some(([du, dv]) => Math.hypot(du, dv) > MOST_APART_M); // it floats
+        this_uv_m.forEach(([u, v], n) => {
+          const to = map.at(u + EXAGGERATED * off[n][0], v + EXAGGERATED * off[n][1]);
+          if (!isApart) sheet.line(map.at(u, v), to, color.pair, 1);
+        });
+        sheet.dots(map, this_uv_m.flat(), 2, isApart ? color.sample : color.pair);
+      }
     });
     return [
-      ["This side, other side", `${cm2(lesson.this_cm2)}, ${cm2(lesson.other_cm2)}`],
-      ["Sets of places", `${joins.length}, ${joins.filter(Boolean).length} join`],
-      ["Residual, median", lesson.residual_mm === null ? "–" : `${number(lesson.residual_mm, 1)} mm`],
+      ["Sets of places", `${lesson.seams.length}, ${joined.length} join`],
+      ["Joined along", `${number(joined.reduce((sum, seam) => sum + seam.length_mm, 0) / 10, 0)} cm`],
     ];
   },
 };

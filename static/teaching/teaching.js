@@ -13,7 +13,7 @@ const STATE_MS = 650; // how long the way from one recorded state to the next ta
 const QUIET_MS = 120; // progress is shown only for what takes longer
 const PROBE_STEP = 0.02; // of the shorter side of a pane, per arrow key
 const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel"];
-const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
+const PASSED_ON = ["theme", "help", "log", "settings"];
 
 export class Teaching {
   constructor(/** @type {Session} */ session) {
@@ -114,7 +114,7 @@ export class Teaching {
       this.time = 0;
       this.probe = null;
     }
-    if (this.stage.part === "seams" && !this.session.other()) this.session.findOther();
+    if (this.stage.about.dataset.stage === "seams") this.session.findOther();
     this.showStage();
     this.load();
     this.update();
@@ -138,8 +138,7 @@ export class Teaching {
   /** @returns {Record<string, any>} */
   query(/** @type {PartName} */ part) {
     if (part === "garment") return { revision: this.session.garment() };
-    if (part === "seams") return { revision: this.session.other() };
-    if (part === "shape") return { known: this.session.shape() !== null };
+    if (part === "shape") return { revision: this.session.shape() && this.session.doubts() };
     if (!AHEAD.includes(part)) return {}; // the same whatever is changed
     const start = this.session.startView();
     return { ...(start === null ? {} : { start_view: start }), ...this.changed };

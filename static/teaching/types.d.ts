@@ -15,7 +15,7 @@ declare global {
   };
   type Teaching = TeachingClass;
   type NumberArray = Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array;
-  type PartName = "flattening" | "start" | "planning" | "alignment" | "sides" | "garment" | "seams" | "check" | "shape";
+  type PartName = "flattening" | "start" | "planning" | "alignment" | "sides" | "garment" | "check" | "shape";
   type ParameterName = "sampling_interval_px" | "z_angle_limit_deg" | "overlap_cm2";
   type LessonParameters = Record<ParameterName, number>;
 
@@ -62,7 +62,7 @@ declare global {
     views: () => number;
     progress: () => State["lesson"];
     garment: () => number;
-    other: () => number;
+    doubts: () => number | null;
     findOther: () => unknown;
     /** Null until it is known. */
     shape: () => ShapeLesson | null;
@@ -82,7 +82,10 @@ declare global {
   type ShapeLesson = {
     picture: Record<string, Drawable>;
     grid: Grid;
-    joints: import("../page/messages").JointInfo[];
+    joints: import("../page/messages").Doubt[];
+    seams: import("../page/messages").Doubt[];
+    /** Of this side, and of the other one. */
+    outlines: [this: UV[][], other: UV[][]];
     area_cm2: number;
     views: number;
   };
@@ -153,7 +156,6 @@ declare global {
     kinds: { name: string; probability: number; below: number }[];
     none: number;
   };
-  type SeamsLesson = Lesson & { this_cm2: number; other_cm2: number; residual_mm: number | null; joins: boolean[] };
   type CheckLesson = Lesson & {
     first: number;
     second: number;

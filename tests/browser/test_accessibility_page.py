@@ -17,7 +17,7 @@ def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
     tab.click_shape()
     found["accepted, with a pick"] = tab.findings()
     tab.page.locator(".view.accepted").press("Enter")
-    tab.page.locator("#view-card").wait_for()
+    tab.page.locator("#palette").wait_for()
     found["card of a view"] = tab.findings()
     keys.press("Escape")
     keys.press("Shift+E")
@@ -51,8 +51,8 @@ def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
     keys.press("k")  # nothing to skip: told
     tab.page.locator(".toast").first.wait_for()
     found["skipped, with a notice"] = tab.findings()
-    for dialog in ("#settings", "#palette", "#help"):
-        tab.page.locator(f"[data-action={dialog[1:]}]").click()
+    for dialog, action in (("#settings", "settings"), ("#palette", "help")):
+        tab.page.locator(f"[data-action={action}]").click()
         tab.page.locator(dialog).wait_for()
         found[dialog] = tab.findings()
         tab.shoot(f"axe-{dialog.strip('#')}-{scheme}")

@@ -35,11 +35,11 @@ def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(o
     keys.press("m")
     tab.until("flatcloth.bothSides.side === 'other' && flatcloth.layerShown?.startsWith('other/')")
     expect(tab.page.locator("#side-chip")).to_be_visible()
-    tab.until("flatcloth.bothSides.places")
+    tab.until("flatcloth.doubts.list.some(({ kind }) => kind === 'seam')")
     seam = tab.page.evaluate(
-        "(() => { const s = flatcloth.state.other.seams, p = flatcloth.bothSides.places.seams;"
-        " const n = s.findIndex((seam) => !seam.why);"
-        " return { n, uv: p[n].other_uv_m[Math.floor(p[n].other_uv_m.length / 2)] }; })()"
+        "(() => { const list = flatcloth.doubts.list;"
+        " const n = list.findIndex((one) => one.kind === 'seam' && !one.is_apart), uv = list[n].other_uv_m;"
+        " return { n, uv: uv[Math.floor(uv.length / 2)] }; })()"
     )
     click_at(tab, seam)
     tab.until("flatcloth.pick")
@@ -47,25 +47,28 @@ def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(o
     assert tab.pick()["in_shape"]
     assert tab.pick()["grip"] is not None
     tab.shoot("turned-over")
-    # Seams are shown and chosen on the flattened view; cutting one is a decision.
-    keys.press("Shift+Q")
+    # Among the doubts, seams are chosen on the flattened view; cutting one, by two keys, is a decision.
+    keys.press("Shift+Y")
+    tab.until("flatcloth.doubts.shown")
     click_at(tab, seam)  # the pick may have opened a panel, which moves the shape on the screen
-    tab.until("flatcloth.bothSides.chosen !== null")
-    panel = tab.page.get_by_role("region", name="Both sides")
-    chosen = tab.page.evaluate("flatcloth.bothSides.chosen")
-    expect(panel.get_by_role("group", name=f"Seam {chosen + 1}")).to_contain_text("Residual")
+    tab.until("flatcloth.doubts.list[flatcloth.doubts.chosen]?.kind === 'seam'")
+    panel = tab.page.get_by_role("region", name="Doubts")
+    expect(panel.get_by_role("group", name="What may be true")).to_contain_text("It joins nothing")
+    expect(panel.locator("table")).to_contain_text("Residual")
     tab.shoot("seam-chosen")
-    panel.get_by_role("button", name=f"Cut seam {chosen + 1}").click()
-    tab.until(f"{KNOWN} && flatcloth.state.other.seams.some((seam) => seam.decided === 'cut')")
+    keys.press(".")
+    expect(tab.page.locator("#hint")).to_contain_text("Cut (A)")
+    keys.press("a")
+    tab.until(f"{KNOWN} && flatcloth.doubts.list.some(({{ note }}) => note.includes('You cut it.'))")
     assert tab.state()["undo"] == "cut a seam"
     keys.press("u")
-    tab.until(f"{KNOWN} && flatcloth.state.other.seams.every((seam) => seam.decided === null)")
+    tab.until(f"{KNOWN} && !flatcloth.doubts.list.some(({{ note }}) => note.includes('You cut it.'))")
+    keys.press("Shift+Y")
     # Both beside one another: what is picked on the right is on the other side.
     keys.press("Shift+J")
     tab.until("flatcloth.bothSides.beside && flatcloth.bothSides.side === 'this'")
     tab.shoot("side-by-side")
     expect(tab.page.locator('[data-action="beside"]')).to_have_attribute("aria-pressed", "true")
-    keys.press("Shift+Q")
     click_at(tab, seam)
     tab.until("flatcloth.state.picks.length === 1 && flatcloth.pick?.side === 'other'")
     off = [a - b for a, b in zip(tab.pick()["uv_m"], seam["uv"], strict=True)]

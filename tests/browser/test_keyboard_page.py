@@ -47,10 +47,10 @@ def test_a_command_is_found_by_letters_and_tab_reaches_everything(open_tab, widt
     box.wait_for(state="hidden")
     # A key that comes before the browser has drawn the closed dialog is heard.
     typed = "new KeyboardEvent('keydown', {key: '?', bubbles: true})"
-    tab.page.evaluate(f"document.getElementById('palette-box').dispatchEvent({typed})")
-    tab.page.locator("#help").wait_for()
-    keys.press("Escape")
-    tab.page.locator("#help").wait_for(state="hidden")
+    tab.page.evaluate(f"document.getElementById('palette-list').dispatchEvent({typed})")
+    box.wait_for()
+    keys.press("?")  # it closes what it opened
+    box.wait_for(state="hidden")
     keys.press("Space")  # the item turns through its views, until one presses again
     tab.until("document.querySelector('#timeline .scrubbed + .view')")
     keys.press("Space")

@@ -81,7 +81,7 @@ def panes_are_chosen_and_an_action_brings_the_one_it_needs(tab):
     assert tab.page.evaluate("flatcloth.layout.pane") == "scene"
     tab.page.locator("#menu").click()
     tab.page.locator("#page-actions [data-action=help]").click()
-    tab.page.locator("#help").wait_for()
+    tab.page.locator("#palette").wait_for()
     assert tab.overflow() == [0, 0]
     keys.press("Escape")
 

@@ -254,9 +254,9 @@ def layers_theme_and_3d_follow_the_keys(tab: Offline) -> None:
     keyboard.press("t")
     expect(tab.page.locator("html")).to_have_attribute("data-theme", "dark")
     keyboard.press("?")
-    expect(tab.page.get_by_role("dialog", name="Keys")).to_be_visible()
+    expect(tab.page.get_by_role("dialog", name="Commands")).to_be_visible()
     keyboard.press("Escape")
-    expect(tab.page.locator("#help")).to_be_hidden()
+    expect(tab.page.locator("#palette")).to_be_hidden()
     tab.page.locator("#cloud").focus()
     before = tab.page.evaluate("flatcloth.cloud.eye.yaw")
     keyboard.press("ArrowLeft")  # turns the item; it is no step back while 3D has the focus

@@ -47,7 +47,7 @@ class ByMouse:
 
     def reopen(self, view):
         self.press(f"view-{view}")
-        self.page.locator("#view-card").get_by_role("button", name="Reopen").click()
+        self.page.get_by_role("option", name="Reopen").click()
 
     def close(self):
         self.page.locator("dialog[open] .button", has_text="Close").click()
@@ -122,9 +122,10 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
     tab.ready()
     expect(page.locator("#recording")).to_contain_text(name)
     assert tab.state()["layers"]["pieces"], "a piece floats"
-    hands.press("part-floating")
-    hands.press("floating-B")
-    expect(page.locator("#floating")).to_contain_text("Nothing seen connects it")
+    hands.press("part-doubts")
+    tab.until("flatcloth.doubts.list.some(({ title }) => title === 'B')")
+    hands.press(f"doubt-{page.evaluate('flatcloth.doubts.list.findIndex((one) => one.title === `B`)')}")
+    expect(page.locator("#doubts")).to_contain_text("Nothing seen connects it")
 
     hands.do("step")
     tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")

@@ -24,7 +24,7 @@ def program(tmp_path):
 def middle_of(tab, label):
     """Return where the middle of a piece is on the screen."""
     return tab.page.evaluate(
-        """(label) => { const { grid: g } = flatcloth.pieces.pieces.find((p) => p.label === label);
+        """(label) => { const { grid: g } = flatcloth.state.layers.pieces.find((p) => p.label === label);
              const d = g.pixel_size_m, [u, v] = g.origin_uv_m;
              return flatcloth.toScreen(u + d * g.cols / 2, v + d * g.rows / 2); }""",
         label,
@@ -35,7 +35,6 @@ def a_piece_is_seen_beside_the_shape_told_and_picked(tab):
     (piece,) = tab.state()["layers"]["pieces"]
     assert piece["label"] == "B"
     assert 100 < piece["area_cm2"] < 250
-    expect(tab.page.locator("#floating")).to_contain_text("Floating: 1 piece")
     expect(tab.page.locator("#recording")).to_contain_text("cm\u00b2 float in 1 piece")
     # It lies beside the shape and not metres away, with all of it on the canvas.
     at, canvas = middle_of(tab, "B"), tab.page.locator("#canvas").bounding_box()
@@ -47,58 +46,66 @@ def a_piece_is_seen_beside_the_shape_told_and_picked(tab):
     assert pick["in_shape"]
     assert pick["miss_m"] == 0
     assert pick["position_held_m"][1] > 0.01  # on the lower half, below the band
-    tab.page.locator('[data-id="part-floating"]').click()
-    tab.page.get_by_role("button", name="B", exact=False).filter(has_text="cm").first.click()
-    expect(tab.page.locator("#floating")).to_contain_text("Nothing seen connects it to the shape.")
+    choose_the_piece(tab)
+    doubts = tab.page.get_by_role("region", name="Doubts")
+    expect(doubts).to_contain_text("Floating pieces: 1")
+    expect(doubts).to_contain_text("Nothing seen connects it to the shape.")
     tab.shoot("piece-picked")
+    tab.page.keyboard.press("Shift+Y")
 
 
-def ghosts_of(tab, kept):
-    """Return what the program keeps of ghosts, with the place of a made-up garment, as a cylinder is none."""
-    ghosts = json.loads(kept.read_text())
-    assert ghosts["view_index"] == tab.state()["pending"]["view_index"]
-    (placement,) = tab.page.evaluate("[flatcloth.state.layers.overlay.placement]")
-    at = {**placement, "u_m": placement["u_m"] + 0.05}
-    return {**ghosts, "places": [{"source": "garment", "std_m": 0.004, **at}]}
+OFF = (-0.05, 0.03)
+CHOSEN = "flatcloth.doubts.list[flatcloth.doubts.chosen]?.kind === 'piece'"
 
 
-def it_snaps_to_its_ghost(tab, ghost):
-    """Dropped near its ghost, the piece lies exactly there."""
-    tab.until("flatcloth.phase === 'deciding' && flatcloth.state.pending.ghosts.length === 1")
-    tab.until("flatcloth.handles.places !== null && flatcloth.handles.ghosts.length === 1")
-    # Until then the page shows the proposal of the program before; its note about the connection takes a row.
-    tab.until("Math.abs(flatcloth.handles.ghosts[0]?.u - 0.05) < 0.001")
-    canvas, mouse = None, tab.page.mouse
-    while canvas != (canvas := tab.page.locator("#canvas").bounding_box()):
-        tab.page.wait_for_timeout(300)
+def choose_the_piece(tab):
+    """Open the doubts, and choose the piece that floats."""
+    tab.page.keyboard.press("Shift+Y")
+    tab.until("flatcloth.doubts.shown && flatcloth.doubts.list.some(({ kind }) => kind === 'piece')")
+    if not tab.page.evaluate(CHOSEN):
+        tab.page.locator("#doubts .doubt", has_text="floats").click()
+    tab.until(CHOSEN)
+
+
+def with_a_place(route):
+    """Answer with the doubts; a made-up garment, as a cylinder is none, has a place for the piece."""
+    response = route.fetch()
+    found = response.json()
+    place = {"theta_rad": 0.0, "u_m": OFF[0], "v_m": OFF[1]}
+    for piece in (doubt for doubt in found["doubts"] if doubt["kind"] == "piece"):
+        told = {"how": "place", "title": "By the garment", "decide": "Place it there", "std_mm": 4.0}
+        piece["choices"].append({**told, "probability": 0.9, "placement": place})
+    route.fulfill(response=response, body=json.dumps(found))
+
+
+def it_snaps_to_its_ghost(tab):
+    """Dragged near the place that the garment has for it, the chosen piece lies exactly there."""
+    tab.page.route("**/doubts/*.json", with_a_place)
+    tab.page.reload()
+    tab.ready()
+    choose_the_piece(tab)
+    tab.until("flatcloth.doubts.held && flatcloth.handles.places !== null")
+    canvas, mouse = tab.page.locator("#canvas").bounding_box(), tab.page.mouse
     middle = tab.page.evaluate("flatcloth.handles.places.middle")
-    u, v = tab.page.evaluate("[flatcloth.handles.ghosts[0].u, flatcloth.handles.ghosts[0].v]")
     scale = tab.page.evaluate("flatcloth.handles.scale")
-    mouse.move(canvas["x"] + middle["x"], canvas["y"] + middle["y"])
+    x, y = canvas["x"] + middle["x"], canvas["y"] + middle["y"]
+    mouse.move(x, y)
     mouse.down()
-    mouse.move(canvas["x"] + middle["x"] + scale * u + 6, canvas["y"] + middle["y"] + scale * v - 6, steps=4)
-    tab.until("flatcloth.handles.snapped === 'garment'")
+    mouse.move(x + scale * OFF[0] + 6, y + scale * OFF[1] - 6, steps=4)
+    tab.until("flatcloth.handles.snapped?.startsWith('By the garment')")
+    expect(tab.page.locator("[data-action=doubt_decide]")).to_have_text("Place it there A")
     tab.shoot("ghost-snapped")
-    revision = tab.state()["layers"]["overlay"]["revision"]
     mouse.up()
-    tab.until(f"flatcloth.state.layers.overlay.revision > {revision}")
-    laid = tab.state()["layers"]["overlay"]["placement"]
-    assert laid["u_m"] == pytest.approx(ghost["u_m"], abs=1e-4)
+    tab.page.unroute("**/doubts/*.json")
 
 
-def test_a_piece_is_seen_beside_the_shape_picked_and_dragged_onto_it_by_hand(
-    open_tab, program, tmp_path, request
-):
+def test_a_piece_is_seen_beside_the_shape_picked_and_dragged_onto_it_by_hand(open_tab):
     tab = open_tab().ready()
     a_piece_is_seen_beside_the_shape_told_and_picked(tab)
     tab.step()
     tab.accept()
     (piece,) = tab.state()["layers"]["pieces"]
-    if not tab.page.locator('[data-id="floating-B"]').is_visible():
-        tab.page.locator('[data-id="part-floating"]').click()
-    if not tab.page.locator('[data-id="place-B"]').is_visible():
-        tab.page.locator('[data-id="floating-B"]').click()
-    tab.page.locator('[data-id="place-B"]').click()
+    it_snaps_to_its_ghost(tab)
     tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
     pending = tab.state()["pending"]
     assert abs(pending["nudge"]["u_mm"]) < 2000
@@ -112,12 +119,6 @@ def test_a_piece_is_seen_beside_the_shape_picked_and_dragged_onto_it_by_hand(
     moved = tab.state()["layers"]["overlay"]["center_uv_m"]
     assert moved[0] < center[0] - 0.01
     assert moved[1] > center[1] + 0.005
-    kept = tmp_path / "session" / "ghosts.json"
-    ghosts = ghosts_of(tab, kept)
-    program.stop()
-    kept.write_text(json.dumps(ghosts))
-    request.addfinalizer(program.again().stop)
-    it_snaps_to_its_ghost(tab, ghosts["places"][0])
     assert tab.state()["undo"].startswith("move")
     for _ in range(4):
         proposed = tab.page.evaluate(WHERE)

@@ -29,7 +29,7 @@ def test_a_session_is_reviewed_and_its_data_are_taken_away(open_tab, tmp_path: P
     tab.step()
     refused = tab.state()["pending"]["view_index"]
     page.keyboard.press("e")
-    page.get_by_role("menuitem", name="bad depth").click()
+    page.get_by_role("option", name="bad depth").click()
     tab.until("flatcloth.phase === 'ready'")
     tab.areas_known()
     views = tab.state()["views"]
@@ -46,7 +46,7 @@ def test_a_session_is_reviewed_and_its_data_are_taken_away(open_tab, tmp_path: P
     tab.drag((from_["x"] + 5, from_["y"] + 30), (to["x"] + 20, to["y"] + 30))
     assert turned(tab) == start["index"]
     assert tab.state()["pending"] is None
-    expect(page.locator("#view-card")).to_be_hidden()
+    expect(page.locator("#palette")).to_be_hidden()
     cell.focus()
     page.keyboard.press("ArrowRight")
     assert turned(tab) == first["index"] + 1

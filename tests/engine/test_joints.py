@@ -22,9 +22,10 @@ from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.methods.answers import Seam
 from flatcloth.session.document import Document
+from flatcloth.session.garment import DecideLink
 from flatcloth.shape.joints import false_share
-from flatcloth.viewer.modes.joints import JointService
-from flatcloth.viewer.protocol.messages import DecideJoint
+from flatcloth.viewer.modes.doubts import DoubtService
+from flatcloth.viewer.protocol.messages import Decide
 
 WEAK, OFF_M = 0.05, 0.004
 
@@ -129,41 +130,52 @@ def test_the_report_names_the_joint_that_most_doubtful_cloth_hangs_on() -> None:
 # --- the page -------------------------------------------------------------------------------------
 
 
-def service_of(cloth: Cloth | None) -> JointService:
-    """The page's service over a shape of this cloth, at revision 3."""
+def service_of(cloth: Cloth | None) -> DoubtService:
+    """The page's service over a shape of this cloth, at revision 1."""
     view = blank_view(np.ones((20, 30), dtype=bool), 0.012)
     recording = SimpleNamespace(angles_deg=tuple(30.0 * n for n in range(8)), intrinsics=CAMERA)
     integration = SimpleNamespace(
         method="robust", axis=AXIS, recording=recording, cloth=lambda _: cloth,
         canonical=lambda _: SimpleNamespace(view=view),
     )  # fmt: skip
-    picture = SimpleNamespace(revision=3, document=Document(start_view=0))
-    page = SimpleNamespace(integration=integration, garments=SimpleNamespace(last=None), picture=picture)
-    return JointService(cast("Any", page))
+    sheet = SimpleNamespace(pieces=())
+    picture = SimpleNamespace(revision=3, document=Document(start_view=0), sheet=sheet)
+    page, garment = SimpleNamespace(integration=integration), SimpleNamespace(current=None)
+    other = SimpleNamespace(made=None, is_working=False)
+    service = DoubtService(cast("Any", page), cast("Any", garment), cast("Any", other))
+    assert service.follow(cast("Any", picture)) == 1
+    return service
 
 
 def test_a_joint_is_told_with_the_pixels_that_show_it_or_why_nothing_is_known(cloth) -> None:
-    (joint,) = RouteClient(service_of(cloth).routes()).get("/joints/3.json").json()["joints"]
+    (joint,) = RouteClient(service_of(cloth).routes()).get("/doubts/1.json").json()["doubts"]
     assert joint["area_cm2"] == pytest.approx(200 * 1.44)
     assert joint["weak"]
     (held,) = joint["views"]
-    assert (held["view_index"], held["angle_deg"], held["pairs"]) == (7, 210.0, 58)
+    assert (held["view_index"], held["angle_deg"], held["places"]) == (7, 210.0, 58)
     assert held["rc"]
     assert all(0 <= row < CAMERA.height and 0 <= col < CAMERA.width for row, col in held["rc"])
-    told = RouteClient(service_of(None).routes()).get("/joints/3.json").json()
-    assert (told["joints"], "does not know" in told["trouble"]) == ([], True)
+    told = RouteClient(service_of(None).routes()).get("/doubts/1.json").json()
+    assert (told["doubts"], "does not know" in told["trouble"]) == ([], True)
 
 
 def test_a_decision_is_about_the_shape_that_was_shown(cloth) -> None:
     service = service_of(cloth)
-    decision = service.decision(DecideJoint(revision=3, index=0, cut=True))
-    assert decision.part.taken_off
-    assert max(u for u, _ in decision.part.part.uv_m) < 10 * 0.012
-    kept = service.decision(DecideJoint(revision=3, index=0, cut=False))
+
+    def decided(**asked: Any) -> DecideLink:
+        (decision,) = service.decision(Decide(**{"revision": 1, "index": 0, **asked}))
+        assert isinstance(decision, DecideLink)
+        return decision
+
+    cut = decided(how="cut")
+    assert (cut.part.taken_off, cut.place) == (True, None)
+    assert max(u for u, _ in cut.part.part.uv_m) < 10 * 0.012
+    kept = decided(how="keep")
     assert (kept.part.taken_off, kept.part.by_hand, kept.place) == (False, True, None)
-    laid = service.decision(DecideJoint(revision=3, index=0, cut=True, place=(0.0, 0.1, 0.2)))
+    laid = decided(how="place", place=(0.0, 0.1, 0.2))
+    assert laid.place is not None
     assert np.allclose(np.array(laid.place.piece.uv_m) - laid.part.part.uv_m, (0.1, 0.2))
     assert (laid.place.by_hand, laid.place.shape) == (True, laid.part.rest)
-    for revision, index in ((2, 0), (3, 1)):
+    for wrong in ({"revision": 2}, {"index": 1}):
         with pytest.raises(FlatclothError, match="look again"):
-            service.decision(DecideJoint(revision=revision, index=index, cut=True))
+            decided(how="cut", **wrong)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+from types import SimpleNamespace
 from typing import Any, cast
 
 import msgspec
 import numpy as np
 import pytest
 from garment_evidence import at_mean, blank_view, cloth_of, evidence_from
+from route_client import RouteClient
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment import KnownGarment, place_sure_pieces
+from flatcloth.engine.sheet import lay_out
 from flatcloth.export.garment import garment_document, lines_of, outcome_entry
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import DecidedPieces, decided_parts, decided_pieces
@@ -25,6 +28,7 @@ from flatcloth.methods.answers import Canonical, DoubtedJoint, JoinedSides
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import DecidePiece, without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
+from flatcloth.viewer.modes.doubts import DoubtService
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.protocol import messages as asked
 from flatcloth.viewer.worker import Executor
@@ -113,10 +117,14 @@ class Page:
         self.executor = Executor(lambda job: job())
         self.garments, self.publish = service, self.told.set
         self.controller = GarmentController(cast("Any", self))
-        self.doubts, self.picture = 0, None
+        self.drawn, self.picture = 0, None
+        recording = SimpleNamespace(angles_deg=(0.0, 30.0))
+        self.integration = SimpleNamespace(cloth=lambda _: None, method="paper", recording=recording)
+        other = SimpleNamespace(made=None, is_working=False)
+        self.doubts = DoubtService(cast("Any", self), self.controller, cast("Any", other))
 
     def draw_again(self) -> None:
-        self.doubts += 1
+        self.drawn += 1
 
     def follow(self, document: Document = TWO_VIEWS):
         self.told.clear()
@@ -127,6 +135,20 @@ class Page:
     def decide(self, message):
         return self.controller.decision(message)
 
+    def piece(self, document: Document = TWO_VIEWS):
+        """The row of the larger piece in the list of what is in doubt, and the choices that it offers."""
+        self.follow(document)
+        sheet = lay_out(self.garments.canonical)
+        picture = SimpleNamespace(revision=1, document=document, sheet=sheet)
+        revision = self.doubts.follow(cast("Any", picture))
+        row = RouteClient(self.doubts.routes()).get(f"/doubts/{revision}.json").json()["doubts"][0]
+        return row, {choice["how"]: n for n, choice in enumerate(row["choices"])}, revision
+
+    def decide_piece(self, how: str):
+        _, _, revision = self.piece()
+        (command,) = self.doubts.decision(asked.Decide(revision=revision, index=0, how=how))
+        return command
+
 
 @pytest.fixture
 def page(service):
@@ -136,25 +158,27 @@ def page(service):
 
 
 def test_a_piece_is_proposed_with_its_probability_and_where_it_would_lie(page) -> None:
-    (piece,) = page.follow()["found"]["pieces"]
-    # B is the larger one, though it is the second file.
-    assert (piece["label"], piece["state"], piece["sure"]) == ("B", "proposed", True)
-    assert piece["probability"] == pytest.approx(0.97)
-    corner = np.min(np.concatenate(piece["outline_uv_m"]), axis=0)
+    row, choices, _ = page.piece()
+    # B is the larger one, though it is the second file; of the other piece the place is surely wrong.
+    assert (row["title"], set(choices)) == ("B", {"hand", "place", "cut"})
+    there = row["choices"][choices["place"]]
+    assert (there["probability"], there["std_mm"]) == (pytest.approx(0.97), pytest.approx(10.0))
+    motion = Rigid2(**there["placement"])
+    corner = np.min(motion.apply(np.concatenate(row["outline_uv_m"])), axis=0)
     np.testing.assert_allclose(corner, [0.1, 0.02], atol=0.003)
 
 
 @pytest.mark.parametrize("accepted", [True, False])
 def test_a_decision_about_a_piece_is_told_and_undone(page, accepted) -> None:
-    page.follow()
-    command = page.decide(asked.DecidePiece(label="B", accepted=accepted))
+    command = page.decide_piece("place" if accepted else "cut")
+    assert command.piece.accepted is accepted
     session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
     session.record(command)
-    (piece,) = page.follow(session.state.document)["found"]["pieces"]
-    assert piece["state"] == ("placed" if accepted else "refused")
+    row, choices, _ = page.piece(session.state.document)
+    assert ("cut" in choices, "You refused" in row["note"]) == (accepted, not accepted)
     session.record(Undo())
-    (piece,) = page.follow(session.state.document)["found"]["pieces"]
-    assert piece["state"] == "proposed"
+    _, choices, _ = page.piece(session.state.document)
+    assert "cut" in choices
 
 
 def test_what_is_not_there_is_refused_in_words(page) -> None:
@@ -162,11 +186,10 @@ def test_what_is_not_there_is_refused_in_words(page) -> None:
         page.decide(asked.SetKind(kind="skirt"))
     page.follow()
     for message in (
-        asked.DecidePiece(label="C", accepted=True),
         asked.SetKind(kind="sock"),
         asked.HoldPoint(name="crotch", u_m=0.0, v_m=0.0),
     ):
-        with pytest.raises(FlatclothError, match=r"no (place|kind|point)"):
+        with pytest.raises(FlatclothError, match=r"no (kind|point)"):
             page.decide(message)
     unseen = next(p.name for p in page.controller.info().found.points if not p.seen)
     with pytest.raises(FlatclothError, match="predicted only"):
@@ -186,15 +209,14 @@ def test_nothing_is_recognised_of_one_view_or_while_auto_runs_and_a_reason_is_to
 
 
 def test_while_auto_changes_the_shape_nothing_is_decided_by_the_garment_of_an_earlier_one(page) -> None:
-    page.follow()
+    page.piece()
     three = dataclasses.replace(TWO_VIEWS, accepted=(*TWO_VIEWS.accepted, Accepted(2, Rigid2())))
     page.controller.follow(three, busy=True)
     assert page.controller.info().working
-    with pytest.raises(FlatclothError, match="look again"):
-        page.decide(asked.DecidePiece(label="B", accepted=True))
+    assert page.controller.current is None
     page.controller.follow(TWO_VIEWS, busy=True)
     assert not page.controller.info().working
-    assert page.decide(asked.DecidePiece(label="B", accepted=True)).piece.accepted
+    assert page.controller.current is not None
 
 
 @pytest.fixture
@@ -275,16 +297,16 @@ def test_run_places_sure_pieces_once_and_leaves_refused_ones(service) -> None:
 def test_the_shape_is_drawn_again_when_no_kind_explains_it_and_when_its_kind_is_set_by_hand(service) -> None:
     page = Page(service)
     page.follow()
-    assert page.doubts == 0
+    assert page.drawn == 0
     service.is_none = True
     try:
         for kind, doubts in [(None, 1), (NONE, 2), ("towel", 2), (None, 3)]:
             page.controller.forget()
             decided = dataclasses.replace(TWO_VIEWS.garment, kind=kind)
             page.follow(dataclasses.replace(TWO_VIEWS, garment=decided))
-            assert page.doubts == doubts
+            assert page.drawn == doubts
     finally:
         service.is_none = False
     page.controller.forget()
     page.follow()
-    assert page.doubts == 4
+    assert page.drawn == 4

@@ -76,6 +76,11 @@ def known(both: Both, **more) -> dict:
     return {"other.working": False, "other.layers.area_cm2": pytest.approx(1e4 * both.view.area_m2), **more}
 
 
+def doubts(server: PageServer, tab: Tab) -> list:
+    """What is in doubt about the shape that a tab shows."""
+    return get(server, f"/doubts/{tab.state['doubts']}.json").json()["doubts"]
+
+
 def turned_over(tab: Tab, both: Both) -> dict:
     """Ask for the other side and wait until it is known."""
     tab.proposed()
@@ -93,12 +98,20 @@ def test_the_other_side_is_computed_when_it_is_asked_for_and_its_progress_told(s
         leads_to(tab, {"type": "do", "action": "accept"}, {"step": 2, "drawing": False})
         both.gate.set()
         leads_to(tab, None, known(both, is_related=True))
-        (seam,) = tab.state["other"]["seams"]
-    assert (seam["this_piece"], seam["other_piece"], seam["places"]) == ("A", "A", 40)
-    assert (seam["this_views"], seam["other_views"]) == ([1], [6])
-    assert seam["residual_mm"] == pytest.approx([3.0, 4.6])
-    assert [len(document.accepted) for document in both.asked] == [0, 1]
-    assert [len(document.accepted) for document in both.made_of] == [1]
+        (seam,) = (each for each in doubts(server, tab) if each["kind"] == "seam")
+        # Cut, it joins nothing; that is a decision.
+        cut = {"type": "decide", "revision": tab.state["doubts"], "how": "cut", "index": 0}
+        index = [each["kind"] for each in doubts(server, tab)].index("seam")
+        leads_to(tab, {**cut, "index": index}, {"undo": "cut a seam"})
+        leads_to(tab, None, known(both, is_related=False))
+        assert "You cut it." in doubts(server, tab)[index]["note"]
+        leads_to(tab, {**cut, "index": index}, {"note": Has("look again")})
+    assert (seam["said"], len(seam["this_uv_m"]), len(seam["other_uv_m"])) == ("24 cm, joins", 40, 40)
+    assert {view["view_index"]: view["places"] for view in seam["views"]} == {1: 40, 6: 40}
+    assert "40 places" in seam["note"]
+    assert "3.0 mm apart, nine tenths below 4.6 mm" in seam["note"]
+    assert [len(document.accepted) for document in both.asked] == [0, 1, 1]
+    assert [len(document.accepted) for document in both.made_of] == [1, 1]
 
 
 def test_why_there_is_no_other_side_is_told_and_the_papers_method_has_none(server, both, integration):

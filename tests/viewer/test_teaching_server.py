@@ -33,10 +33,10 @@ TOLD: list[Any] = []  # how far a lesson is, as the state of the page tells it
 
 
 class Page:
-    """Asks the teaching mode as a page does that knows neither a garment nor another side."""
+    """Asks the teaching mode as a page does that knows no garment."""
 
     def __init__(self, integration):
-        known = {"garments": SimpleNamespace(last=None), "other_sheet": None, "tell_lesson": TOLD.append}
+        known = {"garments": SimpleNamespace(last=None), "tell_lesson": TOLD.append}
         own = SimpleNamespace(integration=integration, executor=Executor(lambda job: job()), **known)
         routes = [Route("/teaching/{part}", TeachingRoutes(cast("Any", own)).serve)]
         self.app, self.stop = Starlette(routes=routes, exception_handlers=REFUSALS), own.executor.stop
@@ -196,7 +196,6 @@ def test_what_goes_wrong_is_told_and_the_next_question_is_answered(page, monkeyp
     assert "unexpected error while computing" in caplog.text
     monkeypatch.undo()
     page.lesson("planning", start_view=0)
-    assert page.get("/teaching/seams")[1].startswith(b"The other side is being computed")
 
 
 def test_hanging_up_gives_the_computation_up(page, monkeypatch):

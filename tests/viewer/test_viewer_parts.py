@@ -105,13 +105,6 @@ def test_quality_that_is_not_known_is_grey_and_has_no_scale(layer):
     np.testing.assert_array_equal(rgba(view, layer, AXIS, 12)[10, 10], [128, 128, 128, 255])
 
 
-def test_the_range_of_stretch_and_incidence_is_the_same_in_every_view():
-    legend = legends(cylinder_view({0: 0.0}), AXIS, (0.0,))
-    assert (legend["stretch"]["low"], legend["stretch"]["high"]) == (0, 10)
-    assert (legend["incidence"]["low"], legend["incidence"]["high"]) == (0, 80)
-    assert 200 < legend["density"]["low"] < legend["density"]["high"] <= 400
-
-
 def test_legends_have_units_and_name_the_views_used():
     legend = legends(cylinder_view({0: 0.0, 2: 60.0}), AXIS, CylinderRecording().angles_deg)
     assert legend["height"]["title"] == "Height z (mm)"

@@ -31,7 +31,7 @@ from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
-from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described, layers_of_shape
+from flatcloth.viewer.protocol.picture import Picture, described, layers_of_shape
 from flatcloth.viewer.protocol.sent import (
     UV,
     AutoInfo,
@@ -102,11 +102,6 @@ class PageController(ABC):
         scene.in_background = partial(self.executor.put, "clouds")
 
     # --- from any thread ---------------------------------------------------------------------
-
-    @property
-    def other_sheet(self) -> OtherSheet | None:
-        """The other side that is shown; immutable."""
-        return None if self.picture is None else self.picture.other
 
     @property
     def is_swamped(self) -> bool:

@@ -9,21 +9,18 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment import KnownGarment, piece_decision, points_on_other_side
-from flatcloth.engine.sheet import label_of, order_of
+from flatcloth.engine.garment import KnownGarment, points_on_other_side
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.kinds import known_kinds
-from flatcloth.garments.placing import Placed
-from flatcloth.garments.recognition import NONE, is_offered, is_sure
-from flatcloth.methods.answers import Canonical
+from flatcloth.garments.recognition import NONE
 from flatcloth.session.document import Document
-from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
+from flatcloth.session.garment import GarmentCommand, HoldPoint, ReleasePoints, SetKind
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.picture import OtherSheet, outline_of
+from flatcloth.viewer.protocol.picture import OtherSheet
 from flatcloth.viewer.protocol.sent import FoundGarment, GarmentInfo, GarmentPreview, typed
 
 NOT_YET = "The garment is recognised once two views are integrated."
@@ -70,6 +67,11 @@ class GarmentController:
         self._asked = None
 
     @property
+    def current(self) -> KnownGarment | None:
+        """The garment of the shown shape, None while it is not known."""
+        return None if self._is_working else self._known
+
+    @property
     def _is_working(self) -> bool:
         """Whether a recognition runs, or the known garment belongs to another shape."""
         if self._answered is not self._asked:
@@ -112,10 +114,6 @@ class GarmentController:
                 return HoldPoint(held_point(name, np.array([u_m, v_m]), known.canonical.view))
             case messages.ReleasePoints(name=name):
                 return ReleasePoints(name)
-            case messages.DecidePiece(label=label, accepted=accepted):
-                return DecidePiece(
-                    piece_decision(known.canonical, self._piece(known, label), accepted=accepted)
-                )
 
     def preview(self, message: messages.PreviewPoint, document: Document) -> Callable[[], GarmentPreview]:
         """Return what computes the outline while a point is dragged."""
@@ -162,15 +160,6 @@ class GarmentController:
             raise FlatclothError(self._text or NOT_YET)
         return self._known
 
-    def _piece(self, known: KnownGarment, label: str) -> Placed:
-        if self._is_working:
-            raise FlatclothError("The shape has changed, and its garment is being recognised; look again.")
-        labels = _labels(known.canonical)
-        piece = next((each for each in _shown(known) if labels[each.index] == label), None)
-        if piece is None:
-            raise FlatclothError(f"The garment has no place for a piece {label!r:.20}.")
-        return piece
-
     def _named(self, known: KnownGarment, name: str) -> Any:
         point = known.found.points.get(name)
         if point is None:
@@ -192,36 +181,4 @@ class GarmentController:
 
 def _with_found(known: KnownGarment) -> tuple[KnownGarment, FoundGarment]:
     """Return a garment, and its data for the page."""
-    pieces = _pieces(known) if known.found.kind != NONE else []
-    return known, typed({**summary(known), "pieces": pieces}, FoundGarment)
-
-
-def _labels(canonical: Canonical) -> dict[int, str]:
-    """Return the letters of the floating pieces, by their index."""
-    return {index: label_of(n + 1) for n, index in enumerate(order_of(canonical.floating))}
-
-
-def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
-    """Return the pieces that have a place on the garment: the decision, and the outline at that place."""
-    labels, decided = _labels(known.canonical), known.pieces
-    return [
-        {
-            "label": labels[piece.index],
-            "probability": piece.probability,
-            "std_mm": 1e3 * piece.std_m,
-            "sure": is_sure(piece),
-            "state": "placed"
-            if piece.index in decided.shape_from_piece
-            else "refused"
-            if piece.index in decided.refused
-            else "proposed",
-            "outline_uv_m": outline_of(known.canonical.floating[piece.index], piece.shape_from_piece),
-        }
-        for piece in _shown(known)
-    ]
-
-
-def _shown(known: KnownGarment) -> list[Placed]:
-    """Return the pieces whose place is proposed or decided."""
-    decided = {*known.pieces.shape_from_piece, *known.pieces.refused}
-    return [piece for piece in known.found.pieces if is_offered(piece) or piece.index in decided]
+    return known, typed(summary(known), FoundGarment)

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Float64, LaidPiece, Rigid2, finite
-from flatcloth.engine.garment import KnownGarment
+from flatcloth.core.types import Float64, Rigid2, finite
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore, fit_pairs
-from flatcloth.engine.sheet import Sheet, is_on_shape, place_of_piece
+from flatcloth.engine.sheet import is_on_shape
 from flatcloth.session.document import Document, Pending, accept
-from flatcloth.session.kept import Ghost, Ghosts
-from flatcloth.session.machine import Command, Nudge, Reopen, TakePart
+from flatcloth.session.machine import Nudge
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picture import Overlay, Picture, shown_center_uv_m
 from flatcloth.viewer.protocol.sent import PairsAnswer, PreviewAnswer
@@ -149,43 +145,3 @@ def meant(shown: tuple[Pending, Overlay] | None, asked: messages.Move) -> Rigid2
         return by
     pending, overlay = shown
     return overlay.meant(pending, by.about(np.array(shown_center_uv_m(pending, overlay))))
-
-
-def placing_piece(
-    integration: Integration,
-    document: Document,
-    sheet: Sheet | None,
-    asked: messages.PlacePiece,
-    known: KnownGarment | None = None,
-    laid: Sequence[LaidPiece] = (),
-) -> tuple[tuple[Command, ...], Ghosts]:
-    """Return the decisions that make a floating piece the proposal, and where else it may belong.
-
-    ``known`` is the garment, if it was recognised; ``laid`` are the pieces that seams lay.
-
-    Raises
-    ------
-    FlatclothError
-        If there is no such piece, or only the start view shows it.
-    """
-    piece = next((p for p in (() if sheet is None else sheet.pieces) if p.label == asked.label), None)
-    if sheet is None or piece is None:
-        raise FlatclothError(f"There is no floating piece {asked.label!r:.20}; look again.")
-    accepted = [a.view_index for a in document.accepted]
-    found = place_of_piece(integration.views, piece, accepted)
-    plane_from_own = piece.sheet_from_plane.inverse() @ found.placement
-
-    def ghost(source: Literal["garment", "seams"], shape_from_piece: Rigid2, std_m: float) -> Ghost:
-        motion = shape_from_piece @ plane_from_own
-        return Ghost(source=source, theta_rad=motion.theta_rad, u_m=motion.u_m, v_m=motion.v_m, std_m=std_m)
-
-    is_known = known is not None and known.is_of(sheet.canonical)
-    own = known.found.pieces if known is not None and is_known else ()
-    places = [
-        *(ghost("garment", p.shape_from_piece, p.std_m) for p in own if p.index == piece.number - 1),
-        *(ghost("seams", p.shape_from_piece, p.std_m) for p in laid if p.index == piece.number - 1),
-    ]
-    own_placement = Rigid2(0.0, asked.u_m, asked.v_m) @ found.placement
-    commands = Reopen(found.view_index), TakePart(found.view_index, found.component, own_placement)
-    ghosts = Ghosts(view_index=found.view_index, component=found.component, places=tuple(places))
-    return commands, ghosts

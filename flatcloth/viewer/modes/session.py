@@ -19,7 +19,6 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
 from flatcloth.session.document import Document, Pending
-from flatcloth.session.kept import keep_ghosts, read_ghosts
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -45,14 +44,14 @@ from flatcloth.viewer import auto
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes import proposal
 from flatcloth.viewer.modes.controller import PROGRESS_INTERVAL_S, PageController
+from flatcloth.viewer.modes.doubts import DoubtService
 from flatcloth.viewer.modes.garment import GarmentController
-from flatcloth.viewer.modes.joints import JointService
 from flatcloth.viewer.modes.other_side import OtherSideController
 from flatcloth.viewer.modes.review import ReviewService, diagnostics_routes
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NO_CAMERA, command_of
-from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture, of_session, with_ghosts
+from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture, of_session
 from flatcloth.viewer.protocol.sent import AutoInfo, NoteLevel, PreviewAnswer, Progress
 from flatcloth.viewer.worker import attempt, awaited
 
@@ -94,13 +93,12 @@ class Application(PageController):
         self._trouble = ""  # why the shape of the present document cannot be drawn
         self._going_on = False
         self._joins: tuple[Document, bool] | None = None
-        self._ghosts = read_ghosts(self.place)
         self.other = OtherSideController(self, self.garments, self._other_made)
         self._work = SessionWork(self)
         self._review = ReviewService(self)
         self._sides = SideController(self)
-        self._joints = JointService(self)
         self._garment = GarmentController(self)
+        self._doubts = DoubtService(self, self._garment, self.other)
 
     @property
     def _state(self) -> SessionState:
@@ -114,9 +112,8 @@ class Application(PageController):
             *super().routes(),
             *diagnostics_routes(self),
             *self._review.routes(),
-            *self._joints.routes(),
+            *self._doubts.routes(),
             *self._sides.routes(),
-            *self.other.routes(),
         ]
 
     def both(self) -> GarmentService | None:
@@ -174,15 +171,6 @@ class Application(PageController):
                 self._by_hand(TakePart(view, component, place))
             case messages.LeaveOut(view_index=view, part_view=part_view, component=component):
                 self._by_hand(LeaveOut(view, part_view, component))
-            case messages.PlacePiece():
-                sheet = None if self.picture is None else self.picture.sheet
-                laid = self.other.laid(self._state.document)
-                commands, self._ghosts = proposal.placing_piece(
-                    self.integration, self._state.document, sheet, message, self.garments.last, laid
-                )
-                for command in commands:
-                    self._by_hand(command)
-                keep_ghosts(self.place, self._ghosts)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
@@ -201,17 +189,14 @@ class Application(PageController):
                 self._sides.where_next(strokes, n, lambda answer: self.tabs.tell(client, answer))
             case messages.PreviewPoint():
                 self.answer_newest(client, message, self._garment.preview(message, self._state.document))
-            case (
-                messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints() | messages.DecidePiece()
-            ):
+            case messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints():
                 self._do(self._garment.decision(message))
-            case messages.DecideJoint():
-                self._do(self._joints.decision(message))
+            case messages.Decide():
+                for command in self._doubts.decision(message):
+                    self._by_hand(command)
             case messages.ShowOther():
                 self.other.is_wanted = True
                 self._settle()
-            case messages.DecideSeam(revision=revision, index=index, keep=keep):
-                self._do(self.other.decision(revision, index, keep=keep))
             case messages.PickPoint(name=name):
                 u, v, side = self._garment.seen_point(name, self.other.made)
                 self._pick_at(u, v, name, side)
@@ -351,8 +336,8 @@ class Application(PageController):
         """Show the other side with the shape that it was joined to."""
         made, picture = self.other.made, self.picture
         if picture is not None and picture.sheet is not None:
-            if made is not None and made.this is not picture.sheet:
-                self._work.forget_picture()  # both sides lay out this one, and its pieces
+            if made is not None and made.sides.laid:
+                self._work.forget_picture()  # seams lay its pieces
             self.picture = replace(picture, other=made)
             self._show_in_scene()
         self._garment.forget()  # one outline fits the edges of both sides
@@ -368,7 +353,7 @@ class Application(PageController):
         angles_deg, document = self.integration.recording.angles_deg, self._state.document
         views = self._review.of_views(document)
         own = of_session(self._state, self.picture, angles_deg, views, self._work.progress, self._trouble)
-        pending = with_ghosts(own["pending"], self._overlay, self._ghosts)
+        pending = own["pending"]
         if pending is not None and self._joins is not None and self._joins[0] is document:
             pending = structs.replace(pending, joins=self._joins[1])
         return {
@@ -380,6 +365,7 @@ class Application(PageController):
             "sides": self._sides.info(),
             "garment": self._garment.info(),
             "other": self.other.info(),
+            "doubts": self._doubts.follow(self.picture),
         }
 
     # --- results of the worker ---------------------------------------------------------------

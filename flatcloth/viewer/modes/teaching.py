@@ -16,11 +16,9 @@ from starlette.responses import Response
 
 from flatcloth.checking.check import CheckLesson, check_lesson
 from flatcloth.core.decoding import Finite, MisfitError, fitted
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.parcel import Parcel
-from flatcloth.core.types import MIRROR, Progress, RotationAxis, Uint8
+from flatcloth.core.types import Progress, RotationAxis, Uint8
 from flatcloth.engine.garment import KnownGarment
-from flatcloth.engine.sheet import outline_loops
 from flatcloth.engine.teaching import AlignmentLesson, Parameters, Teaching, edge_uv_m, followed, unused_pairs
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Flattening, Level
@@ -42,7 +40,6 @@ from flatcloth.session.document import Document, Side
 from flatcloth.viewer.http import GONE, RefusedError, made_for
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import sent
-from flatcloth.viewer.protocol.picture import OtherSheet
 from flatcloth.viewer.protocol.sent import parcel_of
 
 CM2 = 1e4
@@ -226,37 +223,6 @@ def garment_parcel(known: KnownGarment | None, axis: RotationAxis, progress: Pro
     return parcel_of(values, arrays)
 
 
-def seams_parcel(other: OtherSheet | None) -> Parcel:
-    """Return the drawing data of the seams between both sides.
-
-    Raises
-    ------
-    FlatclothError
-        While they are not known.
-    """
-    if other is None:
-        raise FlatclothError("The other side is being computed; this stage is drawn when it is known.")
-    this, its_sheet, seams = other.this, other.sheet, other.sides.seams
-    arrays: dict[str, Any] = {}
-    for name, sheet, mirror in (("this", this, np.ones(2)), ("other", its_sheet, MIRROR)):
-        for n, loop in enumerate(outline_loops(sheet.canonical.view)):
-            arrays[f"{name}_loop_{n}"] = loop * mirror
-    joins = []  # where a floating piece is drawn, it does not lie
-    for n, seam in enumerate(seams):
-        piece, arrays[f"this_seam_{n}"] = this.places(seam.this_uv_m)
-        its_piece, its = its_sheet.places(seam.other_uv_m)
-        arrays[f"other_seam_{n}"] = its * MIRROR
-        joins.append(not seam.why and piece == its_piece == 0)
-    joining = [seam.residual_m for seam in seams if not seam.why]
-    values = {
-        "this_cm2": CM2 * this.shape_m2,
-        "other_cm2": CM2 * its_sheet.shape_m2,
-        "residual_mm": 1e3 * np.median(np.concatenate(joining)) if joining else None,
-        "joins": joins,
-    }
-    return parcel_of(values, arrays)
-
-
 def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
     """Return the drawing data of a check: ``picture`` (H, W, 3) shows two views laid on each other."""
     return parcel_of(lesson, {"laid": np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])})
@@ -266,14 +232,14 @@ def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
 
 OF_ONE_VIEW = ("flattening", "planning", "alignment")
 """Parts that begin with a start view and follow the parameters: Fig. 2, Fig. 4a, the rest of Fig. 4."""
-PARTS = (*OF_ONE_VIEW, "start", "sides", "garment", "seams", "check")
-"""The parts; those of all views: the start view, the side of interest, the garment, both sides, the check."""
+PARTS = (*OF_ONE_VIEW, "start", "sides", "garment", "check")
+"""The parts; those of all views: the start view, the side of interest, the garment, the check."""
 
 
 class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The query of an address; without a parameter, that of the session is taken.
 
-    ``revision`` is that of the garment or of the other side: the page asks again when it has changed.
+    ``revision`` is that of the garment: the page asks again when it has changed.
     """
 
     start_view: int | None = None
@@ -352,8 +318,6 @@ class TeachingRoutes:
                 parcel = sides_parcel(*teaching.sides(progress))
             case "garment":
                 parcel = garment_parcel(self._page.garments.last, axis, progress)
-            case "seams":
-                parcel = seams_parcel(self._page.other_sheet)
             case _:
                 checked = check_lesson(recording, integration.views.recorded, axis)
                 views = checked.first, checked.second

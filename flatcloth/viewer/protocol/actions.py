@@ -1,4 +1,4 @@
-"""The table of all actions; buttons, tooltips, keys and the ``?`` sheet are made from it."""
+"""The table of all actions; buttons, tooltips, keys and the sheet of commands are made from it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ _MODES = {
     "proposal": "session",
     "timeline": "session",
     "sides": "session",
-    "joint": "joint",
+    "doubt": "doubt",
     "capture": "capture",
     "teaching": "teaching",
 }
@@ -81,8 +81,8 @@ next_undecided | Next undecided | j | Go to the next view on the timeline withou
 review | List | Shift+r | Show or hide the list of all views: sort, filter, turn the item to one, decide
     again.
 result | Result | Shift+e | Show or hide the result: areas, uncertainty, cloth left out, data to export.
-joints | Why joined | Shift+y | Show what holds the parts of the shape: views, pairs, residuals; cut or
-    keep. Click cloth to ask.
+doubts | Doubts | Shift+y | Show why it is joined, or not: weak joints, floating pieces, seams; keep, cut or
+    place. Click cloth to ask.
 """,
     "proposal": """
 left | Move left | ArrowLeft | Move the proposal; Shift for ten times as far.
@@ -120,15 +120,13 @@ layer_truth | Error | * | Show the error of each pixel by the recorded kit.
 fit | Fit | f | Fit the whole flattened view into its pane.
 zoom_in | Zoom in | + = | Zoom in.
 zoom_out | Zoom out | - | Zoom out.
-look | Look | Shift+l | All layers; rotate, flip, ruler; what the 3D scene shows. The data stay as they are.
+look | Look | Shift+l | All layers; rotate, ruler; what the 3D scene shows. The data stay as they are.
 turn_left_seen | Turn view ↺ | 9 | Rotate the display of the flattened view counter-clockwise.
 turn_right_seen | Turn view ↻ | 0 | Rotate the display of the flattened view clockwise.
-flip | Flip | Shift+f | Mirror the display of the flattened view.
 source_image | Source image | Shift+i | Show or hide the source image with its mask, and the views of the
-    pick.
+    pick; the wheel zooms into it.
 garment | Garment | Shift+g | Show or hide the garment's outline and its named points.
 upright | Upright | Shift+t | Turn the display so that the garment is upright; again: back.
-source_large | Large | Shift+z | Show the source image large, or small again; the wheel zooms into it.
 source_mask | Mask | Shift+m | Show or hide the mask on the source image.
 source_states | Left out | Shift+d | Show on the source image which pixels are not in the shape, and why.
 ruler | Ruler | z | Measure by dragging: flat, along the cloth, through the air; Esc clears.
@@ -151,13 +149,12 @@ where_before | Place before | ; | Go back to the undecided place before this one
 turn_over | Turn over | m | Turn the flattened garment over, computing its other side if need be; again:
     back.
 beside | Side by side | Shift+j | Show both sides of the garment side by side; again: one.
-seams | Seams | Shift+q | Show or hide the seams that join both sides: what speaks for each, cut or keep.
 show_sides | Sides | Shift+o | Show or hide which side the cloth is.
 show_certainty | Certainty | Shift+u | Show where the side is uncertain.
 """,
-    "joint": """
-joint_next | Next place | . | Show the next place where the part may lie.
-joint_decide | Decide | a | Decide that the part lies where it is shown.
+    "doubt": """
+doubt_next | Next choice | . | Doubts: show what else may be true, and where the cloth lies then.
+doubt_decide | Decide | a | Doubts: decide for what is shown.
 """,
     "page": """
 teach | Teach | h | Go through the method step by step, without decisions; again: leave.
@@ -166,10 +163,9 @@ keep_pick | Keep pick | Enter | Keep the pick: else it goes with the next.
 copy | Copy pick | c | Copy the numbers of the current pick.
 export | Export | x | Export the session: page, report, figures, animation.
 settings | Settings | Ctrl+, | Settings, each with its reset; also how far Auto runs.
-palette | Commands | Ctrl+k | Find a command by a few letters of its name.
 log | Messages | l | Show all messages.
 theme | Theme | t | Switch between light and dark.
-help | Keys | ? | Show the keys.
+help | Commands | ? Ctrl+k | Show all commands with their keys; find one by a few letters.
 """,
     "teaching": """
 teach_next | Next | PageDown | Teaching: the next stage; → does it too.

@@ -98,14 +98,6 @@ class LeaveOut(Said, tag="leave_out", frozen=True, kw_only=True):
     component: Count
 
 
-class PlacePiece(Said, tag="place_piece", frozen=True, kw_only=True):
-    """Place a floating piece by hand, shifted: a view that shows much of it becomes the proposal there."""
-
-    label: str
-    u_m: Metres = 0.0
-    v_m: Metres = 0.0
-
-
 class Refine(Said, tag="refine", frozen=True, kw_only=True):
     """Refine the pending view from where it lies."""
 
@@ -311,25 +303,6 @@ class ReleasePoints(Said, tag="release_points", frozen=True, kw_only=True):
     name: GarmentName | None = None
 
 
-class DecidePiece(Said, tag="decide_piece", frozen=True, kw_only=True):
-    """Lay a floating piece where the garment has a place for it, or refuse that place."""
-
-    label: GarmentName
-    accepted: bool
-
-
-class DecideJoint(Said, tag="decide_joint", frozen=True, kw_only=True):
-    """Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``.
-
-    What is cut off lies elsewhere if there is a ``place``: a turn and a shift of the plane.
-    """
-
-    revision: Count
-    index: Annotated[int, Meta(ge=0)]
-    cut: bool
-    place: tuple[Radians, Metres, Metres] | None = None
-
-
 class PickPoint(Said, tag="pick_point", frozen=True, kw_only=True):
     """Pick a named point of the garment as a grasp."""
 
@@ -340,15 +313,20 @@ class ShowOther(Said, tag="other_side", frozen=True, kw_only=True):
     """Compute the other side of the item, if it is not known yet."""
 
 
-class DecideSeam(Said, tag="decide_seam", frozen=True, kw_only=True):
-    """Cut a seam, or keep it: ``index`` in the list of seams at this ``revision`` of the other side."""
+class Decide(Said, tag="decide", frozen=True, kw_only=True):
+    """Decide about a hypothesis: ``index`` in the list of what is in doubt at this ``revision``.
+
+    It holds (keep), or does not (cut); or its cloth lies where ``place``, a turn and a shift of the plane,
+    leads it, or (hand) becomes the proposal there.
+    """
 
     revision: Count
     index: Annotated[int, Meta(ge=0)]
-    keep: bool
+    how: Literal["keep", "cut", "place", "hand"]
+    place: tuple[Radians, Metres, Metres] = (0.0, 0.0, 0.0)
 
 
-GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece
+GarmentDecision = SetKind | HoldPoint | ReleasePoints
 Message = Said
 """Any message of the page: each subclass is one."""
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from msgspec import structs
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
@@ -39,7 +38,6 @@ from flatcloth.rendering.layers import CONFLICT_M, DIFFERENCES, difference, diff
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.document import Document, Pending
 from flatcloth.session.journal import SheetSide
-from flatcloth.session.kept import Ghosts
 from flatcloth.session.machine import Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.shape.shape import Change
 from flatcloth.validation.kit import kit_of
@@ -50,7 +48,6 @@ from flatcloth.viewer.protocol.sent import (
     Check,
     FloatingPiece,
     Foreseen,
-    GhostInfo,
     Grid,
     HoverAnswer,
     JoinedPieceInfo,
@@ -122,14 +119,12 @@ class Overlay:
 class OtherSheet:
     """The other side of the item, as seen from its own outside, on a sheet with its floating pieces.
 
-    ``revision`` grows with each result; ``this`` is the sheet that it was joined to; ``key`` is what both
-    depend on.
+    ``revision`` grows with each result; ``key`` is what both sides depend on.
     """
 
     revision: int
     key: Hashable
     sides: JoinedSides
-    this: Sheet
     sheet: Sheet
     legends: dict[str, Legend]
 
@@ -568,24 +563,6 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     }
 
 
-def with_ghosts(pending: PendingInfo | None, overlay: Overlay | None, ghosts: Ghosts) -> PendingInfo | None:
-    """Return the proposal with the places where it may belong, if it is that of the piece placed by hand."""
-    if pending is None or overlay is None or pending.view_index != ghosts.view_index:
-        return pending
-    if not any(part.chosen and part.component == ghosts.component for part in pending.pieces):
-        return pending
-    center = np.array(overlay.own_center_uv_m)
-    places = (
-        GhostInfo(
-            source=ghost.source,
-            placement=overlay.sheet.shown(ghost.motion, center),
-            std_mm=1e3 * ghost.std_m,
-        )
-        for ghost in ghosts.places
-    )
-    return structs.replace(pending, ghosts=tuple(places))
-
-
 def _joined(overlay: Overlay) -> JoinedPieceInfo | None:
     """Return the letter of the piece that the proposal joins to the shape, and its motion on the sheet."""
     if overlay.joined_piece is None:
@@ -639,7 +616,6 @@ def _floating(sheet: Sheet, file_of: Callable[[int], str] = floating_file) -> tu
             file=file_of(piece.number),
             area_cm2=1e4 * piece.view.area_m2,
             reason=piece.reason,
-            views=tuple(piece.views),
             color=hex_of(piece_color(n)),
             placed=piece.placed is not None,
             grid=Grid(**grid_of(piece.view)),

@@ -17,7 +17,6 @@ from flatcloth.core.decoding import converted
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.diagnostics import Reasons
-from flatcloth.engine.joints import Place
 from flatcloth.engine.result import Result
 from flatcloth.rendering import layers
 from flatcloth.session.journal import SheetSide
@@ -208,7 +207,6 @@ class FloatingPiece(Sent, frozen=True):
     file: str
     area_cm2: float
     reason: str
-    views: tuple[int, ...]
     color: str
     placed: bool
     grid: Grid
@@ -243,17 +241,6 @@ class Dimension(Sent, frozen=True):
     std_mm: float
 
 
-class GarmentPiece(Sent, frozen=True):
-    """A floating piece that the garment has a place for, and its outline there."""
-
-    label: str
-    probability: float
-    std_mm: float
-    sure: bool
-    state: Literal["placed", "refused", "proposed"]
-    outline_uv_m: list[list[UV]]
-
-
 class FoundGarment(Sent, frozen=True):
     """The garment: its kind (None: of no known kind), dimensions, outline and named points.
 
@@ -269,41 +256,6 @@ class FoundGarment(Sent, frozen=True):
     outline_uv_m: list[UV]
     points: list[GarmentPointInfo]
     upright_rad: float
-    pieces: list[GarmentPiece]
-
-
-class SeamInfo(Sent, frozen=True):
-    """A seam between a piece of this side and one of the other; ``why`` says why it does not join them.
-
-    Pieces by their letters; ``residual_mm`` are the median and the 90 % quantile of the places' residuals.
-    """
-
-    this_piece: str
-    other_piece: str
-    length_mm: float
-    places: int
-    residual_mm: tuple[float, float]
-    this_views: tuple[int, ...]
-    other_views: tuple[int, ...]
-    why: str
-    decided: Literal["cut", "keep"] | None
-
-
-class SeamPlaces(Sent, frozen=True):
-    """Where a seam lies on the sheets of both sides, in space, and how far apart its motion leaves it."""
-
-    this_uv_m: list[UV]
-    other_uv_m: list[UV]
-    xyz_m: list[XYZ]
-    residual_mm: list[float]
-
-
-class SidePlaces(Sent, frozen=True):
-    """The outlines of both sides, each on its own plane, and the places of all seams."""
-
-    this_outline_uv_m: list[list[UV]]
-    other_outline_uv_m: list[list[UV]]
-    seams: list[SeamPlaces]
 
 
 class GarmentInfo(Sent, frozen=True):
@@ -329,7 +281,6 @@ class OtherSideInfo(Sent, frozen=True):
     text: str
     layers: Layers | None = None
     is_related: bool = False
-    seams: tuple[SeamInfo, ...] = ()
     reliable_share: float | None = None
 
 
@@ -386,14 +337,6 @@ class Check(Sent, frozen=True):
     place_uv_m: UV | None
 
 
-class GhostInfo(Sent, frozen=True):
-    """Where a piece placed by hand would lie by the garment, or by seams, with its deviation there."""
-
-    source: Literal["garment", "seams"]
-    placement: Rigid2
-    std_mm: float
-
-
 class PendingInfo(Sent, frozen=True):
     """The proposal. What the method computes with it has a default while it is being drawn.
 
@@ -413,7 +356,6 @@ class PendingInfo(Sent, frozen=True):
     brings: JoinedPieceInfo | None = None
     foreseen: Foreseen | None = None
     checks: tuple[Check, ...] = ()
-    ghosts: tuple[GhostInfo, ...] = ()
     joins: bool | None = None
 
 
@@ -540,6 +482,7 @@ class CaptureStatus(Sent, frozen=True):
 class PageState(Sent, tag_field="type", tag="state", frozen=True):
     """The state of the page: what the mode does not have is None, or the default.
 
+    ``doubts`` is the revision of the list of what is in doubt.
     A tab is sent the fields that differ from those that it was sent before.
     """
 
@@ -577,6 +520,7 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     sides: SidesInfo | None = None
     garment: GarmentInfo | None = None
     other: OtherSideInfo | None = None
+    doubts: int | None = None
     capture: CaptureStatus | None = None
     active: ActiveStatus | None = None
 
@@ -714,42 +658,71 @@ class SeenViews(Sent, frozen=True):
 
 
 class HeldByView(Sent, frozen=True):
-    """A view that joins a part to the rest: pairs, median and ninth decile of residuals, and their pixels."""
+    """A view that shows what holds something: places, median residual (None: unknown), and their pixels."""
 
     view_index: int
     angle_deg: float
-    pairs: int
-    residual_mm: tuple[float, float]
+    places: int
+    residual_mm: float | None
     rc: list[UV]
 
 
-class JointInfo(Sent, frozen=True):
-    """Where a part of the shape is joined to the rest, and what holds it.
+class Choice(Sent, frozen=True, kw_only=False):
+    """How a hypothesis can be decided: what is true then, what deciding it does, and where its cloth lies.
 
-    ``evidence`` is that of the pairs across, ``probability`` that it is right; ``weak``: much may be wrong.
-    ``ends_uv_m`` are the ends of pairs, that of the part first, with their lengths along the cloth.
+    ``placement`` moves the cloth from where it is drawn; ``how`` "hand": it becomes the proposal there.
     """
 
-    area_cm2: float
-    evidence: float
-    weak: bool
-    probability: float
-    kept: bool
-    outline_uv_m: list[list[UV]]
-    ends_uv_m: list[tuple[UV, UV]]
-    length_m: list[float]
-    seam_xyz_m: list[XYZ]
-    part_xyz_m: list[XYZ]
+    how: Literal["keep", "cut", "place", "hand"]
+    title: str
+    decide: str
+    probability: float | None = None
+    placement: Rigid2 = Rigid2()
+    std_mm: float | None = None
+
+
+class Doubt(Sent, frozen=True):
+    """A hypothesis about the shape: a joint that holds a part, a floating piece, or a seam of both sides.
+
+    ``weak``: much may be wrong; ``is_apart``: it joins nothing. ``outline_uv_m`` is that of its cloth, which
+    turns about ``pivot_uv_m``; ``arm_uv_m`` leads from there to the farthest of it. ``ends_uv_m`` are ends of
+    pairs across a joint, that of the part first, with their lengths along the cloth. The other places are
+    where it holds, on both sides and in space. ``choices`` begin with what holds now.
+    """
+
+    kind: Literal["joint", "piece", "seam"]
+    title: str
+    said: str
+    note: str
     views: list[HeldByView]
-    places: tuple[Place, ...]
+    choices: list[Choice]
+    area_cm2: float = 0.0
+    length_mm: float = 0.0
+    probability: float = 1.0
+    weak: bool = False
+    is_apart: bool = False
+    outline_uv_m: list[list[UV]] = msgspec.field(default_factory=list)
+    pivot_uv_m: UV = (0.0, 0.0)
+    arm_uv_m: UV = (0.0, 0.0)
+    ends_uv_m: list[tuple[UV, UV]] = msgspec.field(default_factory=list)
+    length_m: list[float] = msgspec.field(default_factory=list)
+    this_uv_m: list[UV] = msgspec.field(default_factory=list)
+    other_uv_m: list[UV] = msgspec.field(default_factory=list)
+    seam_xyz_m: list[XYZ] = msgspec.field(default_factory=list)
+    part_xyz_m: list[XYZ] = msgspec.field(default_factory=list)
 
 
-class JointsInfo(Sent, frozen=True):
-    """The answer of ``/joints/REVISION.json``: the weakest joints first; ``trouble`` if there are none."""
+class DoubtsInfo(Sent, frozen=True):
+    """The answer of ``/doubts/REVISION.json``: the joints first, the weakest before the others.
+
+    ``trouble`` says why joints are not known; the outlines are those of both sides, each on its own plane.
+    """
 
     revision: int
     trouble: str = ""
-    joints: list[JointInfo] = msgspec.field(default_factory=list)
+    doubts: list[Doubt] = msgspec.field(default_factory=list)
+    this_outline_uv_m: list[list[UV]] = msgspec.field(default_factory=list)
+    other_outline_uv_m: list[list[UV]] = msgspec.field(default_factory=list)
 
 
 class ResultInfo(Sent, frozen=True):

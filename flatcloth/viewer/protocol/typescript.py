@@ -17,16 +17,15 @@ from flatcloth.core.resources import static_folder
 from flatcloth.viewer.protocol.messages import KINDS
 from flatcloth.viewer.protocol.sent import (
     DiagnosticsInfo,
+    DoubtsInfo,
     FrameInfo,
     ItemBox,
-    JointsInfo,
     ResultInfo,
     SeenViews,
     ServerMessage,
-    SidePlaces,
 )
 
-_ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews, ItemBox, SidePlaces, JointsInfo)
+_ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews, ItemBox, DoubtsInfo)
 """Sent as a binary message, or as the answer of a route."""
 _SCALARS: dict[type, str] = {
     inspect.IntType: "number",
