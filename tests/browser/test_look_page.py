@@ -42,6 +42,7 @@ def cloth(tab):
 
 def test_the_view_is_turned_picked_and_measured(open_tab):
     tab = open_tab().ready()
+    turning_goes_both_ways(tab)
     cloth_is_picked_and_measured_by_keys_alone(tab)
 
 
@@ -64,6 +65,22 @@ def back(tab):
     chip = tab.page.locator("#turned")
     if chip.is_visible():
         chip.click()
+
+
+def turning_goes_both_ways(tab):
+    a, b = place(tab, 0.2, 0.5), place(tab, 0.8, 0.5)
+
+    def direction():
+        (x0, y0), (x1, y1) = tab.at(a), tab.at(b)
+        return math.degrees(math.atan2(y1 - y0, x1 - x0))
+
+    assert direction() == pytest.approx(0.0, abs=1e-6)
+    tab.page.keyboard.press("0")
+    assert direction() == pytest.approx(STEP_DEG)
+    tab.page.keyboard.press("9")
+    tab.page.keyboard.press("9")
+    assert direction() == pytest.approx(-STEP_DEG)
+    tab.page.locator("#turned").click()
 
 
 def pointer(tab):
