@@ -150,13 +150,14 @@ def gather_evidence(
     noise_m = float(np.median([surface.noise_m for surface in surfaces]))
     noisy = bool(np.median([surface.noisy for surface in surfaces]))
     seen = [_Seen.of(surface, pose) for surface, pose in zip(surfaces, poses, strict=True)]
-    points, color = _points_of(surfaces, poses), _colors_of(surfaces)
+    points = _points_of(surfaces, poses)
+    colors = [cv2.cvtColor(each.frame.color, cv2.COLOR_RGB2LAB)[each.usable] for each in surfaces]
     del surfaces  # the clusters need none of their 25 bytes a pixel
     clusters = gather(*points, noise_m, settings)
-    sums = [np.bincount(clusters.of_pixel + 1, each)[1:] for each in color]
+    sums = [np.bincount(clusters.of_pixel + 1, each)[1:] for each in np.concatenate(colors).T]
     mean = np.stack(sums, axis=1) / clusters.pixels[:, None]
     facing, labels = _images(points[2], seen, 0.0), _images(clusters.of_pixel, seen, -1)
-    del points, color
+    del points, colors
     with ThreadPoolExecutor(THREADS) as pool:
         links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
         graph = signed_graph(clusters, links, settings)
@@ -268,12 +269,6 @@ def _points_of(surfaces: Sequence[Surface], poses: Sequence[Rigid3]) -> tuple[Fl
         points[at], normals[at] = pose.apply(xyz_m), pose.turn(normal)
         cos[at] = -(xyz_m * normal).sum(axis=-1) / np.linalg.norm(xyz_m, axis=-1)
     return points, normals, cos
-
-
-def _colors_of(surfaces: Sequence[Surface]) -> Uint8:
-    """Return the CIELAB colors (3, N) of all surface pixels."""
-    seen = (cv2.cvtColor(each.frame.color, cv2.COLOR_RGB2LAB)[each.usable].T for each in surfaces)
-    return np.concatenate(list(seen), axis=1)
 
 
 def _view(
