@@ -52,7 +52,7 @@ def rows_of(source: str) -> list[Row]:
     true = [_true_at(*each) for each in zip(pieces, truths, places, strict=True)]
     off_m = np.linalg.norm(true[0] - true[1] * MIRROR, axis=1)
     sets = seam_links.sets_of(*shapes, matches)
-    ends = sides[0].ends, sides[1].ends
+    ends = sides[0].ends(), sides[1].ends()
     decided = seam_links.linked(*shapes, matches, sets, ends)[2]
     cloth = [seam_links.Cloth(shape) for shape in shapes]
     node = [seam_links.node_at(*each) for each in zip(shapes, places, strict=True)]

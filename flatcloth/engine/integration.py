@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -111,6 +111,8 @@ class Integration:
         The method, made for this recording, axis and masks.
     notes : tuple of str
         Remarks on this recording for the operator.
+    outlines : Cache
+        What :mod:`flatcloth.engine.garment` reads of views and shapes.
 
     Raises
     ------
@@ -159,6 +161,7 @@ class Integration:
         self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
         self._decided: Cache[_ByGarment] = Cache(2)
+        self.outlines: Cache[Any] = Cache(3)
         before = self.algorithm
         self.algorithm = self._kind(self.views, self.views.angles_deg)
         self.algorithm.is_limited = before.is_limited
