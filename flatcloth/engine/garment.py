@@ -202,6 +202,7 @@ class GarmentService:
         self._shape: KnownGarment | None = None
         self._last: tuple[tuple[GarmentDecisions, bool], KnownGarment] | None = None
         self._others: Cache[tuple[Integration, Document]] = Cache(1)
+        self._alone: Cache[OneSide] = Cache(1)  # the other side, not joined
         self._joined: Cache[JoinedSides] = Cache(2)
 
     def with_doubted_links(self) -> GarmentService:
@@ -398,7 +399,8 @@ class GarmentService:
             raise FlatclothError(f"the method {this.method} integrates one.")
         other, its = self._others.get(self._of(document), lambda: self.integrated(document, progress))
         check()
-        own, alone = one_side(this, document), one_side(other, its)
+        own = one_side(this, document)
+        alone = self._alone.get(self._of(document), lambda: one_side(other, its))
         if not self._keeps_views:  # to join them takes the most memory of a run
             for side, decisions in ((this, document), (other, its)):
                 seen_from(side, decisions)
@@ -406,10 +408,8 @@ class GarmentService:
             other.views.release(its.used_views)
             other.algorithm.release()
         pieces = decided_pieces(document.garment, own.canonical.view, own.canonical.floating)
-        laid = [
-            LaidPiece(index=index, shape_from_piece=motion, std_m=pieces.std_m[index])
-            for index, motion in pieces.shape_from_piece.items()
-        ]
+        motions = pieces.shape_from_piece.items()
+        laid = [LaidPiece(index=n, shape_from_piece=motion, std_m=pieces.std_m[n]) for n, motion in motions]
         return this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
 
     def _trusted(self, document: Document, joined: JoinedSides) -> JoinedSides:
