@@ -8,6 +8,7 @@ from several threads.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -47,6 +48,7 @@ from flatcloth.methods.base import Method
 from flatcloth.methods.registry import load_method, method_name
 from flatcloth.methods.starting import overlap_area_m2, side_of
 from flatcloth.recordings.base import Recording
+from flatcloth.registration.axis import THREADS
 from flatcloth.session.document import Document, Pending, PlacedPart, Rejected, Side, accept_all
 from flatcloth.session.machine import Event, NothingMore, Proposed, Request, Started
 from flatcloth.shape.joints import DecidedParts
@@ -199,11 +201,13 @@ class Integration:
         self, document: Document, views: Sequence[int], progress: Progress = no_progress
     ) -> dict[int, str]:
         """Return those of some views that cannot be added to a shape, each where it hangs, and why."""
-        why = {}
-        for n, view in enumerate(views):
-            progress(n / len(views), f"view {view}")
-            if reason := self.algorithm.why_unusable(view):
-                why[view] = reason
+        why: dict[int, str] = {}
+        with ThreadPoolExecutor(THREADS) as pool:
+            reasons = pool.map(self.algorithm.why_unusable, views)
+            for n, (view, reason) in enumerate(zip(views, reasons, strict=True)):
+                progress(n / len(views), f"view {view}")
+                if reason:
+                    why[view] = reason
         usable = [view for view in views if view not in why]
         progress(0.9, f"computing the shape of {len(document.used_views) + len(usable)} views")
         against = self.algorithm.contradicting(accept_all(document, usable, {}))
