@@ -220,7 +220,7 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
     around = window_of(measured)
     if around is None:
         raise SurfaceError(f"View {frame.view_index}: nothing was measured; use another view.")
-    known = measured[around]
+    known = np.ascontiguousarray(measured[around])
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
     labels = _label_regions(find_steps(_inverse(frame.depth_m[around], known), step_limit), known)
     label = labels[known]
