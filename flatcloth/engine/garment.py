@@ -381,7 +381,8 @@ class GarmentService:
 
     def joined_before(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
         """Return the sides as :meth:`other` does, also if nothing relates them."""
-        sides, other = self._joined.kept(self._key(_as_seen(document))), self._others.kept(self._of(document))
+        sides = self._joined.kept(self._key(_as_seen(document)))
+        other = None if sides is None else self._others.kept(self._of(document))
         return None if sides is None or other is None else (sides, *other)
 
     @staticmethod
