@@ -29,7 +29,7 @@ from flatcloth.engine.evaluation import (
     read_true_points,
     trimmed_fit,
 )
-from flatcloth.engine.garment import evidence_of_shape, seen_from
+from flatcloth.engine.garment import evidence_of_shape
 from flatcloth.engine.integration import Integration
 from flatcloth.garments import recognition
 from flatcloth.garments.deciding import pixels_of_part
@@ -97,7 +97,7 @@ def _links_of(integration: Integration, document: Document, truth: Any, true_kin
     document = replace(document, garment=GarmentDecisions())  # as it hung before parts were taken off
     canonical, cloth = integration.canonical(document), integration.cloth(document)
     assert cloth is not None, "robust knows how its shapes hang together"
-    main = evidence_of_shape(canonical, seen_from(integration, document))[0]
+    main = evidence_of_shape(integration, document, canonical)[0]
     fits = recognition.fits_of(main)
     found = {}
     for name, known in (("links", fits), ("other", [fit for fit in fits if fit.kind.name != true_kind])):

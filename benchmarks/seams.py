@@ -50,7 +50,7 @@ def rows_of(source: str) -> list[Row]:
     sides = one_side(integration, document), one_side(other, its)
     pieces = [(each.canonical.view, *each.canonical.floating) for each in sides]
     truths: list[Truth] = [truth, OtherTruth(truth, len(integration.recording))]
-    ends = sides[0].ends, sides[1].ends
+    ends = sides[0].ends(), sides[1].ends()
     matches = seam_links.matches_of(*map(rim_of, pieces, ends))
     places = matches.this_uv_m, matches.other_uv_m
     true = [_true_at(*each) for each in zip(pieces, truths, places, strict=True)]

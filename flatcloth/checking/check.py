@@ -40,6 +40,7 @@ from flatcloth.core.types import Float64, Progress, RgbdFrame, RotationAxis, no_
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.writer import GrowingRecording
+from flatcloth.registration.axis import THREADS
 from flatcloth.registration.axis_estimation import UP, choose_views
 from flatcloth.registration.view_features import ViewFeatures
 
@@ -52,8 +53,6 @@ _EXTENT_SHARE = EXTENT_M / 0.9
 _MOST_STEP_DEG = 15.0
 """With larger steps a contradiction means nothing: a registration finds the turn from a start within about
 this. Measured: of the 34 recordings every second to fourth view seem to contradict each other in four."""
-_THREADS = 2
-"""Views read at a time. Chosen for two cores."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,7 +236,7 @@ def _seen_views(
         near = item_pixels(frame, usual_m, EXTENT_M)
         return _Seen(look=look_at(frame, near), shown=reduced(frame, near), features=features_of(frame, near))
 
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         for n, seen in enumerate(pool.map(look, numbers)):
             progress(n / len(numbers), "checking the recording")
             if seen is not None:

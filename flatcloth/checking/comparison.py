@@ -123,10 +123,10 @@ class Comparison:
         held_point_m: Float64 | None = None,
     ) -> None:
         self.views, self.shown = {view.view_index: view for view in views}, shown
-        self.recorded = recorded
-        self._held_point_m = held_point_m
+        self.recorded, self._held_point_m = recorded, held_point_m
         self._moves = dict[Link, list[Move]]()
         self._expected = set[tuple[object, ...]]()
+        self._fits = dict[tuple[object, ...], tuple[Float64, Float64]]()
 
     def seen(self, link: Link) -> tuple[ViewFeatures, ViewFeatures]:
         """Return the two views of a link."""
@@ -168,9 +168,7 @@ class Comparison:
         around = [*order, order[0]] if len(order) > 2 else order
         near = [*pairwise(around), *pairwise(sorted(order)), *wide_links(order, reading)]
         rank = {view: n for n, view in enumerate(self.views)}
-        links = dict.fromkeys(
-            (one, other) if rank[one] < rank[other] else (other, one) for one, other in near
-        )
+        links = dict.fromkeys((a, b) if rank[a] < rank[b] else (b, a) for a, b in near)
         turns = {link: reading.turn_deg(link) for link in links}
         return {link: self._log_odds(link, turn, reading) for link, turn in turns.items() if is_near(turn)}
 
@@ -189,9 +187,14 @@ class Comparison:
 
     def _fit(self, link: Link, turn_deg: float, reading: Reading) -> tuple[Float64, Float64]:
         """Return the squared deviations (K,) of motions of a link from the predicted one, and log odds."""
+        moves, axis = self.moves(link, turn_deg), reading.axis
+        key = link, turn_deg, axis.point_m.tobytes(), axis.direction.tobytes(), reading.careless, len(moves)
+        if key not in self._fits:  # several readings say the same of a link
+            self._fits[key] = self._fitted(link, turn_deg, reading) if moves else (np.zeros(0), np.zeros(0))
+        return self._fits[key]
+
+    def _fitted(self, link: Link, turn_deg: float, reading: Reading) -> tuple[Float64, Float64]:
         moves, center_m = self.moves(link, turn_deg), self.views[link[0]].middle_m
-        if not moves:
-            return np.zeros(0), np.zeros(0)
         expected = object_from_camera(reading.axis, turn_deg).inverse()
         by = at_center(jacobians_of(reading.axis, self.held_m(reading.axis), [0.0, turn_deg]), center_m)
         careless = pair_covariance(by[0], by[1], reading.careless)
@@ -206,9 +209,7 @@ class Comparison:
         """Return the held point, or the upper end of the item on an axis."""
         if self._held_point_m is not None and axis.direction[1] ** 2 > 0.5:
             return self._held_point_m
-        heights = [
-            float(np.max((view.points_m - axis.point_m) @ axis.direction)) for view in self.views.values()
-        ]
+        heights = [float(np.max((v.points_m - axis.point_m) @ axis.direction)) for v in self.views.values()]
         return axis.point_m + float(np.median(heights)) * axis.direction
 
     def log_likelihood(self, reading: Reading | None) -> float:

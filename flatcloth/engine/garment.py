@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import cast
 
 import cv2
 import numpy as np
@@ -86,21 +87,17 @@ _MOST_ROUNDS = 3
 
 
 def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
-    """Return the views of a document's shape, with their registered cameras."""
-    poses = integration.algorithm.poses(document)
-    views = []
-    for index in sorted(document.used_views):
-        frame = _around_item(integration.views.frame(index))
-        pose = poses.get(index) or object_from_camera(integration.axis, frame.angle_deg)
-        views.append(
-            SeenFrom(
-                depth_m=frame.depth_m,
-                of_interest=frame.mask,
-                intrinsics=frame.intrinsics,
-                camera_from_object=pose.inverse(),
-            )
-        )
-    return views
+    """Return the views of a document's shape, with their registered cameras (cached)."""
+
+    def make() -> list[SeenFrom]:
+        poses, views = integration.algorithm.poses(document), []
+        for index in sorted(document.used_views):
+            frame = _around_item(integration.views.frame(index))
+            pose = poses.get(index) or object_from_camera(integration.axis, frame.angle_deg)
+            views.append(SeenFrom(frame.depth_m, frame.mask, frame.intrinsics, pose.inverse()))
+        return views
+
+    return cast("list[SeenFrom]", integration.outlines.get(document.used_views, make))
 
 
 def _around_item(frame: RgbdFrame) -> RgbdFrame:
@@ -113,10 +110,18 @@ def _around_item(frame: RgbdFrame) -> RgbdFrame:
     return crop_to_item(frame, item, math.ceil(margin_px) + 1)[0]
 
 
-def evidence_of_shape(canonical: Canonical, views: list[SeenFrom]) -> tuple[PieceEvidence, ...]:
-    """Return the evidence of the canonical view and of each floating piece about the outline."""
+def evidence_of_shape(
+    integration: Integration, document: Document, canonical: Canonical
+) -> tuple[PieceEvidence, ...]:
+    """Return the evidence of the canonical view and of each floating piece about the outline (cached)."""
     pieces = (canonical.view, *canonical.floating)
-    return tuple(evidence_of(own, views, [each for each in pieces if each is not own]) for own in pieces)
+
+    def make() -> tuple[Canonical, list[PieceEvidence]]:
+        views = seen_from(integration, document)
+        ends = [evidence_of(own, views, [each for each in pieces if each is not own]) for own in pieces]
+        return canonical, ends  # with the shape, so that no other has its id
+
+    return tuple(integration.outlines.get(id(canonical), make)[1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,12 +275,11 @@ class GarmentService:
         GarmentError
             If the shape was seen in one view only.
         """
-        views = seen_from(self.integration, document)
-        if len(views) < 2:
+        if len(document.used_views) < 2:
             raise GarmentError(
                 "The shape was made of one view; a garment cannot be recognised from one. Add views."
             )
-        main, *floating = evidence_of_shape(self.integration.laid_out(document), views)
+        main, *floating = evidence_of_shape(self.integration, document, self.integration.laid_out(document))
         if (other := self.other(document)) is not None:
             sides, integration, its = other
             seen = seen_from(integration, its)
@@ -377,10 +381,9 @@ class GarmentService:
 
     def joined_before(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
         """Return the sides as :meth:`other` does, also if nothing relates them."""
-        if (sides := self._joined.kept(self._key(_as_seen(document)))) is None:
-            return None
-        other = self._others.kept(self._of(document))
-        return None if other is None else (sides, *other)
+        sides = self._joined.kept(self._key(_as_seen(document)))
+        other = None if sides is None else self._others.kept(self._of(document))
+        return None if sides is None or other is None else (sides, *other)
 
     @staticmethod
     def _key(document: Document) -> tuple[Hashable, ...]:
@@ -398,23 +401,17 @@ class GarmentService:
         other, its = self._others.get(self._of(document), lambda: self.integrated(document, progress))
         check()
         own = one_side(this, document)
-        pieces = decided_pieces(document.garment, own.canonical.view, own.canonical.floating)
-        laid = [
-            LaidPiece(index=index, shape_from_piece=motion, std_m=pieces.std_m[index])
-            for index, motion in pieces.shape_from_piece.items()
-        ]
-        alone = self._alone.get(self._of(document), lambda: self._by_itself(other, its))
-        return this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
-
-    def _by_itself(self, other: Integration, its: Document) -> OneSide:
-        """Return the other side, not joined, and release what was kept to integrate it."""
-        alone = one_side(other, its)
-        if not self._keeps_views:
+        alone = self._alone.get(self._of(document), lambda: one_side(other, its))
+        if not self._keeps_views:  # to join them takes the most memory of a run
+            for side, decisions in ((this, document), (other, its)):
+                seen_from(side, decisions)
+                side.views.forget_frames()
             other.views.release(its.used_views)
             other.algorithm.release()
-            for side in (self.integration, other):  # to join them takes the most memory of a run
-                side.views.forget_frames()
-        return alone
+        pieces = decided_pieces(document.garment, own.canonical.view, own.canonical.floating)
+        motions = pieces.shape_from_piece.items()
+        laid = [LaidPiece(index=n, shape_from_piece=motion, std_m=pieces.std_m[n]) for n, motion in motions]
+        return this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
 
     def _trusted(self, document: Document, joined: JoinedSides) -> JoinedSides:
         this = self.integration
@@ -551,7 +548,7 @@ def one_side(side: Integration, document: Document) -> OneSide:
         document=document,
         parts=side.parts(document),
         canonical=canonical,
-        ends=evidence_of_shape(canonical, seen_from(side, document)),
+        ends=lambda: evidence_of_shape(side, document, canonical),
     )
 
 

@@ -216,11 +216,7 @@ class Run:
         request = self.state.request
         assert request is not None
         share = _share_done(self.integration, self.state)
-
-        def of_turn(_share: float, text: str) -> None:
-            progress(share, text)
-
-        self._do(self.integration.answer(self.state.document, request, of_turn))
+        self._do(self.integration.answer(self.state.document, request, lambda _, text: progress(share, text)))
 
 
 def better_start(

@@ -8,8 +8,9 @@ from several threads.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,6 +48,7 @@ from flatcloth.methods.base import Method
 from flatcloth.methods.registry import load_method, method_name
 from flatcloth.methods.starting import overlap_area_m2, side_of
 from flatcloth.recordings.base import Recording
+from flatcloth.registration.axis import THREADS
 from flatcloth.session.document import Document, Pending, PlacedPart, Rejected, Side, accept_all
 from flatcloth.session.machine import Event, NothingMore, Proposed, Request, Started
 from flatcloth.shape.joints import DecidedParts
@@ -111,6 +113,8 @@ class Integration:
         The method, made for this recording, axis and masks.
     notes : tuple of str
         Remarks on this recording for the operator.
+    outlines : Cache
+        What :mod:`flatcloth.engine.garment` reads of views and shapes.
 
     Raises
     ------
@@ -159,6 +163,7 @@ class Integration:
         self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
         self._decided: Cache[_ByGarment] = Cache(2)
+        self.outlines: Cache[Any] = Cache(3)
         before = self.algorithm
         self.algorithm = self._kind(self.views, self.views.angles_deg)
         self.algorithm.is_limited = before.is_limited
@@ -196,11 +201,13 @@ class Integration:
         self, document: Document, views: Sequence[int], progress: Progress = no_progress
     ) -> dict[int, str]:
         """Return those of some views that cannot be added to a shape, each where it hangs, and why."""
-        why = {}
-        for n, view in enumerate(views):
-            progress(n / len(views), f"view {view}")
-            if reason := self.algorithm.why_unusable(view):
-                why[view] = reason
+        why: dict[int, str] = {}
+        with ThreadPoolExecutor(THREADS) as pool:
+            reasons = pool.map(self.algorithm.why_unusable, views)
+            for n, (view, reason) in enumerate(zip(views, reasons, strict=True)):
+                progress(n / len(views), f"view {view}")
+                if reason:
+                    why[view] = reason
         usable = [view for view in views if view not in why]
         progress(0.9, f"computing the shape of {len(document.used_views) + len(usable)} views")
         against = self.algorithm.contradicting(accept_all(document, usable, {}))

@@ -13,7 +13,7 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, Bool, Float64, Int64, Rigid2
 from flatcloth.engine.garment import KnownGarment
 from flatcloth.flattening.cloth import Cloth
-from flatcloth.garments.deciding import decided_parts, is_same_part, last_decisions
+from flatcloth.garments.deciding import is_same_part, last_decisions
 from flatcloth.garments.evidence import LEAST_AREA_M2
 from flatcloth.garments.fit import APART_M
 from flatcloth.garments.links import DoubtedLink, place_elsewhere, split
@@ -91,13 +91,13 @@ def joints_of(
     counted = seen_often(evidence, np.bincount(pair))
     length_m = np.bincount(pair, cloth.length_m[joined]) / np.bincount(pair)
     parts = [(link.part, link.probability) for link in doubted]
-    parts += [
-        (part, decided.probability) for decided, part in last_decisions(cloth, decisions) if decided.std_m
-    ]
+    last = last_decisions(cloth, decisions)
+    parts += [(part, decided.probability) for decided, part in last if decided.std_m]
     for joint in weak_joints(pairs, counted, cloth.placed):
         if not any(is_same_part(joint.part, part) for part, _ in parts):
             parts.append((joint.part, 1.0 - joint.false * cloth.is_noisy))
-    kept, least = decided_parts([cloth], decisions).kept, LEAST_AREA_M2 / cloth.spacing_m**2
+    kept = [part for decided, part in last if not (decided.taken_off or decided.std_m)]
+    least = LEAST_AREA_M2 / cloth.spacing_m**2
     found = []
     for part, probability in parts:
         across = np.flatnonzero(cloth.joined & (part[cloth.edges[:, 0]] != part[cloth.edges[:, 1]]))

@@ -92,7 +92,7 @@ def pixel_counts(integration: Integration, document: Document) -> dict[str, int]
     total = np.zeros(len(PixelState), dtype=np.int64)
     for view_index in sorted(document.used_views):
         states = states_of(integration, document, view_index)
-        total += np.bincount(states.ravel(), minlength=len(PixelState))
+        total += np.bincount(states[states > PixelState.OFF_ITEM], minlength=len(PixelState))
     return {
         state.name.lower(): int(total[state])
         for state in PixelState

@@ -17,6 +17,7 @@ from flatcloth.core.strokes import Decision, ImageStroke, why_off_image
 from flatcloth.core.types import Progress, RgbdFrame, no_progress
 from flatcloth.engine.views import RecordedViews
 from flatcloth.recordings.base import Recording, ViewImages, altered, images_of
+from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.observed import Evidence, gather_evidence
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
@@ -27,8 +28,6 @@ MOST_VIEWS = 600
 views of 160 x 120 pixels took 1.7 GB and 144 s)."""
 MOST_PIXELS = 200_000_000
 """Pixels of all of them, which are in memory at the same time: 7 bytes each."""
-_THREADS = 2
-"""Number of views read in parallel. Chosen for two cores."""
 
 
 def masked(recording: Recording, segmentation: Segmentation) -> Recording:
@@ -80,7 +79,7 @@ def _all(views: RecordedViews) -> list[RgbdFrame]:
             f"masks; the side of interest is found in at most {MOST_VIEWS} views, "
             f"{MOST_PIXELS / 1e6:.0f} million pixels. Keep fewer views, or give masks."
         )
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         return [*pool.map(views.recorded, range(n))]
 
 

@@ -95,16 +95,13 @@ def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
     FlatclothError
         If the folder cannot be written; the message names it.
     """
-
-    def written(name: str) -> None:
-        replace_file(folder / name, files[name]())
-
     *names, report = files
     with os_errors_as(FlatclothError, f"{folder}: the export cannot be written", "Choose another folder."):
         folder.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(written, names))
-        written(report)
+            told = pool.submit(files[report])
+            list(pool.map(lambda name: replace_file(folder / name, files[name]()), names))
+            replace_file(folder / report, told.result())
     return [folder / name for name in files]
 
 

@@ -217,24 +217,24 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
     """Return the measured pixels (H, W) of the foreground object, from depth alone; see :func:`item_mask`."""
     k = frame.intrinsics
     measured = frame.depth_m > 0
-    inverse_depth = _inverse(frame.depth_m, measured)
-    step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
-    labels = _label_regions(find_steps(inverse_depth, step_limit), measured)
-    count = int(labels.max()) + 1
-    if count == 0:
+    around = window_of(measured)
+    if around is None:
         raise SurfaceError(f"View {frame.view_index}: nothing was measured; use another view.")
-    label = labels[measured]
+    known = np.ascontiguousarray(measured[around])
+    step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
+    labels = _label_regions(find_steps(_inverse(frame.depth_m[around], known), step_limit), known)
+    label = labels[known]
     depth = frame.depth_m[measured].astype(np.float64)
-    pixels = np.bincount(label, None, count)
+    pixels = np.bincount(label)
     distance = depth if axis is None else about_axis(frame, measured, axis)[1]
-    mean_distance = np.bincount(label, distance, count) / np.maximum(pixels, 1)
+    mean_distance = np.bincount(label, distance) / pixels
     # Seen at the usual depth: a wrong match of a stereo sensor, 60 m away, would be large.
     least_px = LEAST_ITEM_M2 * k.fx * k.fy / median(depth) ** 2
     large = pixels >= min(least_px, pixels.max())
-    nearest = mean_distance[large].min()
     # Overlapping layers of one item are separate regions within the item's depth extent.
-    chosen = large & (mean_distance <= nearest + EXTENT_M)
-    kept: Bool = measured & np.append(chosen, False)[labels]
+    chosen = large & (mean_distance <= mean_distance[large].min() + EXTENT_M)
+    kept = np.zeros_like(measured)
+    kept[around] = np.append(chosen, False)[labels]  # -1, which is the last, where nothing was measured
     return kept
 
 
@@ -270,7 +270,7 @@ def _about_axis(
 
 def _inverse(depth_m: Float32, item: Bool) -> Float64:
     """Inverse depth (H, W), 0 off the measured pixels of the item."""
-    return np.where(item, 1.0 / np.where(item, depth_m.astype(np.float64), 1.0), 0.0)
+    return np.divide(1.0, depth_m, out=np.zeros(item.shape), where=item, dtype=np.float64)
 
 
 def off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:

@@ -32,7 +32,7 @@ _SAME_M = 0.006
 """Depth that still counts as the same surface: four times the noise of a D435 at 0.85 m (1.5 mm)."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class SeenFrom:
     """One view that a shape was made of.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -247,14 +247,14 @@ class Ends(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class OneSide:
-    """One side of an item by itself: the decisions about it and its ``parts``, its canonical view, and where
-    its cloth ends: that of the canonical view and of each floating piece.
+    """One side of an item by itself: the decisions about it and its ``parts``, its canonical view, and what
+    tells where its cloth ``ends``: that of the canonical view and of each floating piece.
     """
 
     document: Document
     parts: DecidedParts
     canonical: Canonical
-    ends: Sequence[Ends]
+    ends: Callable[[], Sequence[Ends]]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,20 +6,22 @@ or more of them); ``python -m benchmarks segmentation`` prints this purity.
 
 from __future__ import annotations
 
-import itertools
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flatcloth.core.compiled import njit
-from flatcloth.core.graphs import cell_of
+from flatcloth.core.graphs import cell_of, grouped
 from flatcloth.core.types import Float32, Float64, Int32, Int64
 from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.settings import SegmentationConfig
 
+Uint32 = NDArray[np.uint32]
+Place = Float32 | Float64 | tuple[float, ...]
 _BUCKETS = 1 << 17
 """Size of the hash table. Chosen: several times the clusters of a garment (20 000); a smaller one
 collides."""
@@ -75,7 +77,10 @@ def gather(
         offset_m=max(config.cluster_m / 4.0, config.cluster_noise * noise_m),
         least_cos=config.alike_cos,
     )
-    place, normal = _begun(points_m, normals, np.argsort(-facing, kind="stable"), limits)
+    # A stable argsort of floats takes much longer than to sort their bits, followed by their numbers.
+    keys = (~facing.view(np.uint32)).astype(np.uint64) << 32 | np.arange(len(facing), dtype=np.uint64)
+    keys.sort()
+    place, normal = _begun(points_m, normals, keys.astype(np.uint32), limits)
     for _ in range(2):
         of_pixel = _assigned(points_m, normals, limits, place, normal)
         pixels, best = _averaged(points_m, normals, facing, of_pixel, place, normal)
@@ -103,85 +108,99 @@ class _Limits(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _begun(points: Float32, normals: Float32, order: Int64, limits: _Limits) -> tuple[Float64, Float64]:
+def _begun(points: Float32, normals: Float32, order: Uint32, limits: _Limits) -> tuple[Float64, Float64]:
     """Select each point, in order, that no cluster selected before covers."""
     head, following = np.full(_BUCKETS, -1, np.int32), np.empty(len(points), np.int32)
     begun, count = np.empty((len(points), 6), np.float32), 0
     for i in order:
-        if _nearest(points, normals, i, limits, begun, head, following) < 0:
+        pixel, covered, n = _pixel(points, normals, i), False, 0
+        while n < 27 and not covered:
+            j = head[_bucket(pixel, limits, (n + 13) % 27)]  # its own cell first
+            while j >= 0 and not covered:
+                covered, _ = _compared(pixel, begun, j, limits)
+                j = following[j]
+            n += 1
+        if not covered:
             begun[count, :3], begun[count, 3:] = points[i], normals[i]
-            _list(begun, count, limits, head, following)
+            bucket = _bucket(pixel, limits)
+            following[count], head[bucket] = head[bucket], count
             count += 1
     return begun[:count, :3].astype(np.float64), begun[:count, 3:].astype(np.float64)
 
 
 def _assigned(points: Float32, normals: Float32, limits: _Limits, place: Float64, normal: Float64) -> Int32:
     """Return the nearest cluster on the layer of each pixel (N,), -1 without one; in parallel."""
-    sheets = np.concatenate([place, normal], axis=1)
-    ends = np.linspace(0, len(points), THREADS + 1).astype(int)
-    shares = [slice(*pair) for pair in itertools.pairwise(ends)]
+    sheets, found = np.concatenate([place, normal], axis=1), np.empty(len(points), np.int32)
     with ThreadPoolExecutor(THREADS) as pool:
-        found = pool.map(lambda own: _nearest_of(points[own], normals[own], limits, sheets), shares)
-        return np.concatenate(list(found))
-
-
-@njit(cache=True, nogil=True)
-def _nearest_of(points: Float32, normals: Float32, limits: _Limits, sheets: Float64) -> Int32:
-    head, following = np.full(_BUCKETS, -1, np.int32), np.empty(len(sheets), np.int32)
-    for n in range(len(sheets)):
-        _list(sheets, n, limits, head, following)
-    found = np.empty(len(points), np.int32)
-    for i in range(len(points)):
-        found[i] = _nearest(points, normals, i, limits, sheets, head, following)
+        shares = np.array_split(_by_bucket(points, limits)[1], THREADS)
+        list(pool.map(lambda own: _find_nearest(points, normals, own, limits, sheets, found), shares))
     return found
 
 
 @njit(cache=True, nogil=True)
-def _cell(place: Float32 | Float64, size: float) -> tuple[int, int, int]:
+def _by_bucket(places: Float32 | Float64, limits: _Limits) -> tuple[Int32, Int32]:
+    """Return where each bucket begins, and the numbers of the places in it, one bucket after the other."""
+    return grouped(np.array([_bucket(place, limits) for place in places]), _BUCKETS)
+
+
+@njit(cache=True, nogil=True)
+def _find_nearest(
+    points: Float32, normals: Float32, order: Int32, limits: _Limits, sheets: Float64, found: Int32
+) -> None:
+    """Write the nearest cluster of some points; those of a cell follow each other, and have the same near."""
+    first, listed = _by_bucket(sheets[:, :3], limits)
+    most = 27 * len(sheets)  # if all cells were in one bucket
+    near, number, count, cell = np.empty((most, 6)), np.empty(most, np.int32), 0, (0, 0, 0)
+    for i in order:
+        pixel = _pixel(points, normals, i)
+        if i == order[0] or cell != _cell(pixel, limits):
+            cell, count = _cell(pixel, limits), 0
+            for n in range(27):
+                bucket = _bucket(pixel, limits, n)
+                for j in listed[first[bucket] : first[bucket + 1]]:
+                    near[count], number[count] = sheets[j], j
+                    count += 1
+        best, least = -1, np.inf
+        for n in range(count):
+            on_layer, compared = _compared(pixel, near, n, limits)
+            if on_layer & (compared < least):
+                best, least = n, compared
+        found[i] = number[best] if best >= 0 else -1
+
+
+@njit(cache=True, nogil=True)
+def _pixel(points: Float32, normals: Float32, i: int) -> tuple[float, float, float, float, float, float]:
+    return points[i, 0], points[i, 1], points[i, 2], normals[i, 0], normals[i, 1], normals[i, 2]
+
+
+@njit(cache=True, nogil=True)
+def _cell(place: Place, limits: _Limits) -> tuple[int, int, int]:
+    size = limits.radius_m
     return math.floor(place[0] / size), math.floor(place[1] / size), math.floor(place[2] / size)
 
 
 @njit(cache=True, nogil=True)
-def _list(sheets: Float32 | Float64, n: int, limits: _Limits, head: Int32, following: Int32) -> None:
-    """Add a cluster to the list of its bucket; ``sheets`` (K, 6) are their places and normals."""
-    x, y, z = _cell(sheets[n], limits.radius_m)
-    bucket = cell_of(x, y, z, _BUCKETS)
-    following[n], head[bucket] = head[bucket], n
+def _bucket(place: Place, limits: _Limits, n: int = 13) -> int:
+    """Return the bucket of one of the 27 cells around a place, by default of its own."""
+    x, y, z = _cell(place, limits)
+    return cell_of(x + n // 9 - 1, y + n // 3 % 3 - 1, z + n % 3 - 1, _BUCKETS)
 
 
 @njit(cache=True, nogil=True)
-def _nearest(
-    points: Float32,
-    normals: Float32,
-    i: int,
-    limits: _Limits,
-    sheets: Float32 | Float64,
-    head: Int32,
-    following: Int32,
-) -> int:
-    """Return the nearest cluster on the layer of a pixel, -1 if there is none.
-
-    The distance along the normal counts twice.
-    """
+def _compared(
+    pixel: tuple[float, ...], sheets: Float32 | Float64, j: int, limits: _Limits
+) -> tuple[bool, float]:
+    """Return whether a pixel is on the layer of a cluster, and their squared distance, along it twice."""
     radius, offset, least_cos = limits
-    x, y, z = _cell(points[i], radius)
-    best, least = -1, np.inf
-    for right, down, forth in np.ndindex(3, 3, 3):
-        j = head[cell_of(x + right - 1, y + down - 1, z + forth - 1, _BUCKETS)]
-        while j >= 0:
-            turn, along, distance = 0.0, 0.0, 0.0
-            for k in range(3):
-                d = points[i, k] - sheets[j, k]
-                turn += normals[i, k] * sheets[j, 3 + k]
-                along += d * sheets[j, 3 + k]
-                distance += d * d
-            across = distance - along * along
-            if turn > least_cos and across < radius * radius and abs(along) < offset:
-                compared = across + 4.0 * along * along + (1.0 - turn) * radius * radius
-                if compared < least:
-                    best, least = j, compared
-            j = following[j]
-    return best
+    turn, along, distance = 0.0, 0.0, 0.0
+    for k in range(3):
+        d = pixel[k] - sheets[j, k]
+        turn += pixel[3 + k] * sheets[j, 3 + k]
+        along += d * sheets[j, 3 + k]
+        distance += d * d
+    across = distance - along * along
+    on_layer = (turn > least_cos) & (across < radius * radius) & (abs(along) < offset)  # no branches: faster
+    return on_layer, across + 4.0 * along * along + (1.0 - turn) * radius * radius
 
 
 @njit(cache=True, nogil=True)

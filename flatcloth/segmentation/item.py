@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -100,8 +100,8 @@ def find_item(
     """
     with ThreadPoolExecutor(THREADS) as pool:
         parts = checked(pool.map(lambda frame: _hanging(frame, axis, config), frames), check)
-    masks, doubles = [part.mask for part in parts], [part.doubled for part in parts]
-    if not any(mask.any() for mask in masks):
+    near, doubles, far = zip(*parts, strict=True)
+    if not any(mask.any() for mask in near):
         raise SegmentationError(
             "Nothing hangs in front of the camera in any view: the foreground is empty. Check depth and axis."
         )
@@ -111,21 +111,17 @@ def find_item(
             f"View {view}: two items hang side by side, about as large; take one away, or give masks."
         )
     still = _still(frames)
+
+    def freed(n: int) -> tuple[Bool, list[CutOff], Bool]:
+        mask, cuts = _without_holder(frames[n], near[n], still, axis, held_point_m)
+        return mask, cuts, without_background(frames[n].color, mask)
+
     with ThreadPoolExecutor(THREADS) as pool:
-        freed = checked(
-            pool.map(
-                lambda n: _without_holder(frames[n], masks[n], still, axis, held_point_m), range(len(frames))
-            ),
-            check,
-        )
-    masks = [mask for mask, _ in freed]
-    cuts = [cut for part in parts for cut in part.cuts] + [cut for _, own in freed for cut in own]
-    with ThreadPoolExecutor(THREADS) as pool:
-        colors = (frame.color for frame in frames)
-        outlined = checked(pool.map(without_background, colors, masks), check)
+        masks, cuts, outlined = zip(*checked(pool.map(freed, range(len(frames))), check), strict=True)
+    cut_off = tuple(cut for own in (*far, *cuts) for cut in own)
     if not any(mask.any() for mask in outlined):
         raise SegmentationError("Nothing in view turns with the axis; check the angles, or give masks.")
-    return Item(masks=tuple(masks), outlined=tuple(outlined), cut_off=tuple(cuts))
+    return Item(masks=masks, outlined=outlined, cut_off=cut_off)
 
 
 def checked(made: Iterable[_T], check: Callable[[], None]) -> list[_T]:
@@ -137,15 +133,10 @@ def checked(made: Iterable[_T], check: Callable[[], None]) -> list[_T]:
     return found
 
 
-class _Hanging(NamedTuple):
-    """The item near the axis in a view: its pixels, whether there are two items, and what was cut off."""
-
-    mask: Bool
-    doubled: bool
-    cuts: list[CutOff]
-
-
-def _hanging(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> _Hanging:
+def _hanging(
+    frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig
+) -> tuple[Bool, bool, list[CutOff]]:
+    """Return the item near the axis in a view, whether there are two items, and what was cut off."""
     cuts: list[CutOff] = []
     mask = _foreground(frame, axis, config)
     off: Bool = (frame.depth_m > 0) & ~mask
@@ -154,7 +145,7 @@ def _hanging(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig)
         off = _large(frame, off, mask)
     _note(cuts, frame, off, "background", "is too far from what hangs nearest to the axis")
     mask, doubled = _largest(frame, mask, cuts)
-    return _Hanging(mask, doubled, cuts)
+    return mask, doubled, cuts
 
 
 def _foreground(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:
@@ -246,8 +237,12 @@ def _without_holder(
         height, radius = about_axis(frame, mask, axis)
         off = np.zeros_like(mask)
         if still is not None:
-            off[mask] = radius > _APART_M
-            off &= still[0] & (np.abs(frame.depth_m - still[1]) <= _STILL_DEPTH * still[1])
+            stays, there_m = still[0][mask], still[1][mask]
+            off[mask] = (
+                (radius > _APART_M)
+                & stays
+                & (np.abs(frame.depth_m[mask] - there_m) <= _STILL_DEPTH * there_m)
+            )
             off = _large(frame, off)
             _note(cuts, frame, off, "a stand", "stays in place while the item turns")
         if held_point_m is not None:
@@ -345,7 +340,7 @@ def without_background(color: Uint8, item: Bool) -> Bool:
     around = window_of(item, 3 * _FATTENED_PX)
     if around is None:
         return item
-    rgb, shown = color[around].astype(np.float32), item[around].astype(np.uint8)
+    rgb, shown = color[around], item[around].astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _FATTENED_PX + 1,) * 2)
     whole = _without_holes(shown)  # what is not measured within the item is no background
     inside, outside = cv2.erode(whole, disc) > 0, (cv2.dilate(whole, disc) == 0) & rgb.any(axis=-1)
@@ -369,21 +364,17 @@ def _without_holes(shown: Uint8) -> Uint8:
     return np.asarray(framed[1:-1, 1:-1] != 2, dtype=np.uint8)
 
 
-def _unlike(rgb: Float32, sample: Bool, rim: Bool) -> Float32:
+def _unlike(rgb: Uint8, sample: Bool, rim: Bool) -> Float32:
     """Return -2 log of the probability density of each color on the ``rim`` by those of a sample nearby.
 
     Both are masks (H, W); the result (K,) is inf where there is no sample.
     """
-    side = 6 * _FATTENED_PX + 1  # from each pixel that is judged it reaches both the item and the background
-
-    def total(image: Float32) -> Float32:
-        return np.asarray(cv2.boxFilter(image, -1, (side, side), normalize=False)[rim], dtype=np.float32)
-
-    count = np.rint(total(sample.astype(np.float32)))[..., None]
-    known = count[..., 0] > 0
-    count = np.maximum(count, 1)
-    chosen = np.where(sample[..., None], rgb, 0)
-    middle = total(chosen) / count
-    variance = np.maximum(total(chosen * rgb) / count - middle**2, 1)  # at least a step of 8 bits
+    side = (6 * _FATTENED_PX + 1,) * 2  # around each judged pixel, so that it reaches item and background
+    chosen = cv2.merge((rgb, np.ones_like(rgb[..., 0]))) * sample[..., None]
+    total = cv2.boxFilter(chosen, cv2.CV_32S, side, normalize=False)[rim].astype(np.float32)
+    squares = cv2.sqrBoxFilter(chosen, cv2.CV_32S, side, normalize=False)[rim].astype(np.float32)
+    count = np.maximum(total[:, 3:], 1)
+    middle = total[:, :3] / count
+    variance = np.maximum(squares[:, :3] / count - middle**2, 1)  # at least a step of 8 bits
     density = (np.square(rgb[rim] - middle) / variance + np.log(variance)).sum(axis=-1)
-    return np.where(known, density, np.inf).astype(np.float32)
+    return np.where(total[:, 3] > 0, density, np.inf).astype(np.float32)

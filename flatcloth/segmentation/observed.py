@@ -149,14 +149,19 @@ def gather_evidence(
     progress(0.6, "clusters of the surface")
     noise_m = float(np.median([surface.noise_m for surface in surfaces]))
     noisy = bool(np.median([surface.noisy for surface in surfaces]))
-    seen = [_Seen.of(surface, pose) for surface, pose in zip(surfaces, poses, strict=True)]
-    points, color = _points_of(surfaces, poses), _colors_of(surfaces)
-    del surfaces  # the clusters need none of their 25 bytes a pixel
-    clusters = gather(*points, noise_m, settings)
-    sums = [np.bincount(clusters.of_pixel + 1, each)[1:] for each in color]
+    seen, of_views, colors = list[_Seen](), list[tuple[Float32, Float32, Float32]](), []
+    for pose in poses:  # the clusters need few of the surfaces' 25 bytes a pixel
+        surface = surfaces.pop(0)
+        seen.append(_Seen.of(surface, pose))
+        colors.append(cv2.cvtColor(surface.frame.color, cv2.COLOR_RGB2LAB)[surface.usable])
+        of_views.append(_points_of(surface, pose))
+    points, normals, cos = (np.concatenate(each) for each in zip(*of_views, strict=True))
+    del crops, of_views, surface
+    clusters = gather(points, normals, cos, noise_m, settings)
+    sums = [np.bincount(clusters.of_pixel + 1, each)[1:] for each in np.concatenate(colors).T]
     mean = np.stack(sums, axis=1) / clusters.pixels[:, None]
-    facing, labels = _images(points[2], seen, 0.0), _images(clusters.of_pixel, seen, -1)
-    del points, color
+    facing, labels = _images(cos, seen, 0.0), _images(clusters.of_pixel, seen, -1)
+    del points, normals, colors
     with ThreadPoolExecutor(THREADS) as pool:
         links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
         graph = signed_graph(clusters, links, settings)
@@ -258,22 +263,11 @@ def _images(values: NDArray[_T], seen: Sequence[_Seen], elsewhere: float) -> lis
     return images
 
 
-def _points_of(surfaces: Sequence[Surface], poses: Sequence[Rigid3]) -> tuple[Float32, Float32, Float32]:
-    """Return points and normals (N, 3) of all surfaces, object frame, and cosines (N,) of the incidence."""
-    ends = np.cumsum([0, *(np.count_nonzero(surface.usable) for surface in surfaces)])
-    points, normals = np.empty((ends[-1], 3), np.float32), np.empty((ends[-1], 3), np.float32)
-    cos = np.empty(ends[-1], np.float32)
-    for surface, pose, own in zip(surfaces, poses, itertools.pairwise(ends), strict=True):
-        at, xyz_m, normal = slice(*own), surface.xyz_m[surface.usable], surface.normal[surface.usable]
-        points[at], normals[at] = pose.apply(xyz_m), pose.turn(normal)
-        cos[at] = -(xyz_m * normal).sum(axis=-1) / np.linalg.norm(xyz_m, axis=-1)
-    return points, normals, cos
-
-
-def _colors_of(surfaces: Sequence[Surface]) -> Uint8:
-    """Return the CIELAB colors (3, N) of all surface pixels."""
-    seen = (cv2.cvtColor(each.frame.color, cv2.COLOR_RGB2LAB)[each.usable].T for each in surfaces)
-    return np.concatenate(list(seen), axis=1)
+def _points_of(surface: Surface, pose: Rigid3) -> tuple[Float32, Float32, Float32]:
+    """Return points and normals (N, 3) of a surface, object frame, and cosines (N,) of the incidence."""
+    xyz_m, normal = surface.xyz_m[surface.usable], surface.normal[surface.usable]
+    cos = -(xyz_m * normal).sum(axis=-1) / np.linalg.norm(xyz_m, axis=-1)
+    return pose.apply(xyz_m).astype(np.float32), pose.turn(normal).astype(np.float32), cos.astype(np.float32)
 
 
 def _view(

@@ -81,20 +81,6 @@ def signed_graph(clusters: Clusters, links: list[Links], config: SegmentationCon
     config : SegmentationConfig
         Limits.
     """
-    first, second, weight = _attraction(clusters, links, config)
-    one, other, depth, against = back_to_back(clusters, config.layers_m, config)
-    against *= 1.0 - np.abs(depth) / config.layers_m
-    return SignedGraph(
-        count=clusters.count,
-        first=np.concatenate([first, one]),
-        second=np.concatenate([second, other]),
-        weight=np.concatenate([weight, -against]),
-    )
-
-
-def _attraction(
-    clusters: Clusters, links: list[Links], config: SegmentationConfig
-) -> tuple[Int64, Int64, Float64]:
     one, other, facing = _joined(links)
     # Evidence does not grow with the number of views; at a steep incidence it is weak.
     each = facing.astype(np.float64) ** 4, (np.minimum(one, other), np.maximum(one, other))
@@ -104,7 +90,15 @@ def _attraction(
     chord /= np.maximum(np.linalg.norm(chord, axis=1), 1e-9)[:, None]
     turn = ((clusters.normal[first] - clusters.normal[second]) * chord).sum(axis=1)
     sharp = np.maximum(-turn - config.convex, 0.0) / config.convex
-    return first, second, np.exp(-(sharp**2)) * seen / (seen + config.link_facing)
+    weight = np.exp(-(sharp**2)) * seen / (seen + config.link_facing)
+    front, back, depth, against = back_to_back(clusters, config.layers_m, config)
+    against *= 1.0 - np.abs(depth) / config.layers_m
+    return SignedGraph(
+        count=clusters.count,
+        first=np.concatenate([first, front]),
+        second=np.concatenate([second, back]),
+        weight=np.concatenate([weight, -against]),
+    )
 
 
 def back_to_back(

@@ -79,6 +79,7 @@ class RobustMethod(Method):
         self._drawn: Cache[Canonical] = Cache(2)
         self._decided: Cache[Shape] = Cache(2)
         self._seamed: Cache[Seamed] = Cache(1)
+        self._joined: Cache[JoinedSides] = Cache(2)
 
     # ------------------------------------------------- next best view (in place of the paper's 4.1)
 
@@ -255,7 +256,8 @@ class RobustMethod(Method):
 
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view, composited from the shape, with its floating pieces."""
-        return self._drawn_of(document, self.shapes.of(document))
+        shape = self.shapes.of(document)
+        return self._drawn.get(shape, lambda: self._draw(document, shape))
 
     def earlier(self, earlier: Document, document: Document) -> Canonical:
         """Return the cloth that the views of an earlier state show, where the whole document has it."""
@@ -270,9 +272,6 @@ class RobustMethod(Method):
         upright = document.start_view
         key = shape, *(tuple(part.tobytes() for part in each) for each in parts)
         return self._decided.get(key, lambda: as_decided(shape, parts, upright))
-
-    def _drawn_of(self, document: Document, shape: Shape, taken_off: Bool | None = None) -> Canonical:
-        return self._drawn.get(shape, lambda: self._draw(document, shape, taken_off))
 
     def release(self, *, surfaces: bool = False) -> None:
         """Free what only further views need; with ``surfaces``, those of the views too."""
@@ -293,7 +292,7 @@ class RobustMethod(Method):
         """Return the canonical view after decisions about its parts, and its edges."""
         shape = self._as_decided(document, parts)
         are_off = np.any(parts.taken_off, axis=0) if parts.taken_off else None
-        return self._drawn_of(document, shape, are_off), _edges_of(shape)
+        return self._drawn.get(shape, lambda: self._draw(document, shape, are_off)), _edges_of(shape)
 
     # ------------------------------------------------- the other side
 
@@ -302,12 +301,7 @@ class RobustMethod(Method):
         self.seen.confirmed = cameras
 
     def with_other_side(
-        self,
-        own: OneSide,
-        laid: Sequence[LaidPiece],
-        other: Method,
-        its: OneSide,
-        check: Callable[[], None],
+        self, own: OneSide, laid: Sequence[LaidPiece], other: Method, its: OneSide, check: Callable[[], None]
     ) -> JoinedSides:
         """Join the other side, integrated by itself, along the seams (``docs/robust.md``, "Both sides")."""
         assert isinstance(other, RobustMethod)
@@ -315,24 +309,28 @@ class RobustMethod(Method):
         seams = own.document.garment.seams
         check()
         shapes = self._as_decided(own.document, own.parts), other._as_decided(its.document, its.parts)
-        ends = own.ends, its.ends
         seamed = other._seamed.get(  # where a garment lays floating pieces changes no seam
-            (*shapes, seams), lambda: join_sides(*shapes, (pieces[0], pieces[1]), ends, seams, check)
+            (*shapes, seams),
+            lambda: join_sides(*shapes, (pieces[0], pieces[1]), (own.ends(), its.ends()), seams, check),
         )
-        joined = other_of(seamed, laid)
-        check()
-        drawn = other._draw(its.document, joined.shape)
-        if not joined.is_related:  # it floats, and has no deviation from this side's shape
-            drawn = replace(drawn, view=replace(drawn.view, placement_std_m=None))
-        return JoinedSides(
-            other=drawn,
-            seams=seams_of(joined, (drawn.view, *drawn.floating)),
-            is_related=joined.is_related,
-            laid=tuple(piece for piece in joined.laid if piece.std_m <= MOST_STD_M),
-            unsure=frozenset(piece.index for piece in joined.laid if piece.std_m > MOST_STD_M),
-            joints=seamed.joints,
-            weak=seamed.weak if joined.is_related else (),
-        )
+
+        def joined() -> JoinedSides:
+            found = other_of(seamed, laid)
+            check()
+            drawn = other._draw(its.document, found.shape)
+            if not found.is_related:  # it floats, and has no deviation from this side's shape
+                drawn = replace(drawn, view=replace(drawn.view, placement_std_m=None))
+            return JoinedSides(
+                other=drawn,
+                seams=seams_of(found, (drawn.view, *drawn.floating)),
+                is_related=found.is_related,
+                laid=tuple(piece for piece in found.laid if piece.std_m <= MOST_STD_M),
+                unsure=frozenset(piece.index for piece in found.laid if piece.std_m > MOST_STD_M),
+                joints=seamed.joints,
+                weak=seamed.weak if found.is_related else (),
+            )
+
+        return other._joined.get((*shapes, seams, *laid), joined)
 
     # ------------------------------------------------- acceptance without an operator
 

@@ -20,6 +20,7 @@ from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import JoinedPiece
 from flatcloth.methods.base import Views
+from flatcloth.registration.axis import THREADS
 from flatcloth.registration.cameras import Fits, register
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
@@ -98,6 +99,7 @@ class RegisteredViews:
                     self._views.held_point_m,
                     self._fits,
                     confirmed=self.confirmed,
+                    threads=THREADS,
                 )
                 self._registered[asked] = alive
             return alive

@@ -219,8 +219,8 @@ def decode_depth_m(path: Path, header: ImageHeader, metres_per_unit: float) -> F
         values = decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))
     if values.shape != (header.height, header.width):
         raise RecordingError(f"{path}: cannot be decoded. Export the image again.")
-    known = values[np.isfinite(values) & (values > 0)]
-    if values.dtype.kind == "f" and known.size and np.median(known) > FARTHEST_M and known.min() > 10.0:
+    known = values[np.isfinite(values) & (values > 0)] if values.dtype.kind == "f" else values[:0]
+    if known.size and np.median(known) > FARTHEST_M and known.min() > 10.0:
         raise RecordingError(
             f"{path}: half of its floating-point values exceed {FARTHEST_M:g} m. "
             "Divide millimetres by 1000, or export 16-bit whole numbers."
@@ -231,7 +231,7 @@ def decode_depth_m(path: Path, header: ImageHeader, metres_per_unit: float) -> F
 def metres_of(values: NDArray[Any], metres_per_unit: float) -> Float32:
     """Return depth in metres, 0 for none: of whole numbers in units, or floating-point ones in metres."""
     if values.dtype.kind != "f":
-        units = np.maximum(values, 0)
+        units = values if values.dtype.kind == "u" else np.maximum(values, 0)
         metres: Float32 = np.multiply(units, np.float32(metres_per_unit), dtype=np.float32)
         return metres
     return np.where((values > 0) & (values <= FARTHEST_M), values, 0.0).astype(np.float32)
