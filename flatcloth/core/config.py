@@ -82,10 +82,7 @@ class RobustConfig:
     accept_confidence: float = 0.5
     """Least score of a proposal that is accepted without an operator: half at 15 mm (``scoring.py``)."""
     most_views: int = 14
-    """Views of a limited run (``Run.is_limited``); otherwise the gain alone decides.
-
-    The number that the paper needed for its hardest item (trousers, Fig. 6).
-    """
+    """Decides nothing any more: sessions that began with it open."""
     least_new_m2: float = 0.002
     """Least new area for which the item is turned once more: 20 cm2."""
 

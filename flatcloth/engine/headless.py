@@ -68,8 +68,6 @@ class Run:
         Owns the state, new or resumed, and records all commands and answers.
     policy : Policy
         Decides about proposals.
-    is_limited : bool
-        Use no more than ``most_views`` of the settings.
     watch : callable
         Called with every command and answer after it was recorded, in order.
     on_view : callable
@@ -87,7 +85,6 @@ class Run:
     watch: Callable[[Command | Event], None] = field(default=lambda _: None)
     on_view: Callable[[ViewDecision], None] = field(default=lambda _: None)
     decisions: list[ViewDecision] = field(default_factory=list)
-    is_limited: bool = False
     _reads_ahead: bool = False
 
     @property
@@ -111,8 +108,7 @@ class Run:
         FlatclothError
             If no start view can be flattened.
         """
-        self.integration.is_unattended = not self.is_limited
-        self.integration.algorithm.is_limited = self.is_limited
+        self.integration.is_unattended = True
         if keeps_frames:
             self.integration.views.keep_frames()
         self._reads_ahead = cores > 1
@@ -135,7 +131,6 @@ class Run:
         return (
             self.integration.algorithm.takes_all
             and self.policy is accept_by_score
-            and not self.is_limited
             and self.state.phase is Phase.READY
             and not self.state.document.later
         )

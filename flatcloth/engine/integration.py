@@ -164,9 +164,7 @@ class Integration:
         self._overlays: Cache[FlattenedView] = Cache(2)
         self._decided: Cache[_ByGarment] = Cache(2)
         self.outlines: Cache[Any] = Cache(3)
-        before = self.algorithm
         self.algorithm = self._kind(self.views, self.views.angles_deg)
-        self.algorithm.is_limited = before.is_limited
 
     # ---------------------------------------------------------------- the shape
 

@@ -102,8 +102,6 @@ class Method(Protocol):
     """Whether a view extends the shape on one of two sides."""
     takes_all: ClassVar[bool] = False
     """Whether a shape is that of a set of views, so that a run takes all at once: :meth:`contradicting`."""
-    is_limited: bool = False
-    """Set by a run that uses no more than a number of views; otherwise what a view would add decides."""
 
     @abstractmethod
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None: ...

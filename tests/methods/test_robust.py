@@ -6,7 +6,7 @@ from scenes import Cylinder
 from sheet_runs import STEPS, done, errors_m
 from sheet_runs import integration as sheet_integration
 
-from flatcloth.core.config import Config, RobustConfig
+from flatcloth.core.config import Config
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run, accept_by_score
@@ -116,15 +116,7 @@ def test_a_placement_by_hand_is_kept_against_what_space_says() -> None:
     assert abs(shifted.area_m2 - straight.area_m2) == pytest.approx(0.05 * 0.2, rel=0.2)
 
 
-def test_what_a_further_view_promises_decides_and_the_number_of_views_of_a_limited_run() -> None:
-    made = integration(Config(robust=RobustConfig(most_views=2)))
-    state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
+def test_a_run_ends_when_no_view_promises_more() -> None:
+    state = Run(integration(Config()), MemorySession(SessionState(len(STEPS)))).finish()
     assert len(state.document.used_views) > 2
     assert state.document.finished.startswith(("No other view", "No view is left"))
-    short = integration(Config(robust=RobustConfig(most_views=1)))
-    document = done(short, SessionState(len(STEPS)), Start(0)).document
-    assert short.plan(document).view_index is not None
-    short.algorithm.is_limited = True
-    plan = short.plan(document)
-    assert plan.view_index is None
-    assert plan.reason.startswith("The limit of 1 views is reached;")

@@ -90,8 +90,7 @@ class RobustMethod(Method):
     def plan(self, document: Document, unusable: set[int]) -> Plan:
         """Choose the view with the largest expected new area, given enough overlap."""
         c = self._config.robust
-        used = document.used_views
-        looked = used | document.refused_views | unusable
+        looked = document.used_views | document.refused_views | unusable
         rest = [v for v in range(len(self.angles_deg)) if v not in looked]
         if not rest:
             return Plan(view_index=None, reason="No view is left.")
@@ -100,11 +99,6 @@ class RobustMethod(Method):
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
             reason = f"No other view is expected to add more than {1e4 * best.new_m2:.0f} cm2."
-            return Plan(view_index=None, reason=reason, candidates=tuple(rated))
-        if len(used) >= c.most_views and self.is_limited:
-            more = sum(candidate.new_m2 >= c.least_new_m2 for candidate in rated)
-            reason = f"The limit of {len(used)} views is reached; {more} more may show cloth that is missing."
-            reason += " Choose one to continue."
             return Plan(view_index=None, reason=reason, candidates=tuple(rated))
         return Plan(
             view_index=best.view_index,
