@@ -87,7 +87,7 @@ class LaidOut:
     rotation: Complex128
 
 
-def laid_out(graph: Graph, used: Bool, vouched: Bool | None = None, *, overlap_cuts: bool = True) -> LaidOut:
+def laid_out(graph: Graph, used: Bool, vouched: Bool | None = None, seams: Bool | None = None) -> LaidOut:
     """Lay out a graph, each piece of it somewhere on the plane.
 
     Parameters
@@ -98,17 +98,16 @@ def laid_out(graph: Graph, used: Bool, vouched: Bool | None = None, *, overlap_c
         The pairs that may join cloth.
     vouched : (P,) bool, optional
         Pairs that the operator vouches for: none of them is taken for false, or cut.
-    overlap_cuts : bool
-        Cloth that lies on other cloth is cut apart; not where the graph has two sheets.
+    seams : (P,) bool, optional
+        Pairs at seams of two sheets: none is taken for false, and no cloth that lies on other is cut.
     """
     pairs, sure = pairs_of(graph), np.zeros(len(graph.pairs), dtype=np.bool_) if vouched is None else vouched
-    by_hand = np.zeros(len(graph), dtype=np.bool_)
-    by_hand[graph.pairs[sure]] = True
+    kept = np.isin(np.arange(len(graph)), graph.pairs[sure])
     while True:
         # 3. Rotations, from nothing: the lowest eigenvector of a connection Laplacian. False links.
-        rotation, weight = rotations(pairs, used, sure)
+        rotation, weight = rotations(pairs, used, sure if seams is None else seams)
         # 4. Places, for known rotations. False links, by place.
-        z, holds = places(pairs, rotation, weight, sure)
+        z, holds = places(pairs, rotation, weight, sure if seams is None else seams)
         # 5. Pieces: cloth that enough evidence joins.
         piece = pieces_of(graph, holds, sure)
         first, second = piece[graph.pairs].T
@@ -117,8 +116,7 @@ def laid_out(graph: Graph, used: Bool, vouched: Bool | None = None, *, overlap_c
         at, band = minimum(pairs, z, rotation, holds), np.argsort(pairs.order.nodes)
         laid = LaidOut(holds=holds, piece=piece, at=at, z=at.z[band], rotation=at.rotation[band])
         # 7. Cloth that lies on other cloth is joined by false pairs that agree: the weakest are cut.
-        cut = cut_of_overlap(graph, holds, piece, laid.z, by_hand) & ~sure
-        if not (overlap_cuts and cut.any()):
+        if seams is not None or not (cut := cut_of_overlap(graph, holds, piece, laid.z, kept) & ~sure).any():
             return laid
         used = used & ~cut
 

@@ -128,8 +128,8 @@ def join_sides(
     )
     check()
     # 4. The layout of both sides (shape/layout.py), and its deviations from the main piece of this one.
-    laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), overlap_cuts=False)
     n, m = len(this.nodes), len(other.nodes)
+    laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), seams=graph.pairs[:, 1] >= n + m)
     evidence = _doubted(graph, laid.holds, (n, m), link_of_seam, true, joints)
     both, joint_std_m, weak = _on_plane(this, graph, laid, evidence)
     check()
