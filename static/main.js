@@ -276,7 +276,7 @@ const PAGE_ACTIONS = {
 /** The modes whose keys come first, the uppermost first. */
 const modesNow = () => [
   ...(teaching?.open ? ["teaching"] : []),
-  ...(page.doubts.asks ? ["doubt"] : []),
+  ...(page.doubts.asks || (page.doubts.shown && !page.state.pending) ? ["doubt"] : []),
   ...(page.state.capture || page.state.active ? ["capture"] : []),
   ...(page.hasCamera ? [] : ["session"]),
 ];

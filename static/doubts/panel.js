@@ -252,9 +252,7 @@ export class DoubtsPanel extends PagePart {
 
   /** Choose one, or none, with a notice about the place that was clicked. */
   choose(/** @type {number | null} */ chosen, notice = "") {
-    this.chosen = chosen;
-    this.notice = notice;
-    this.at = 0;
+    Object.assign(this, { chosen, notice, at: 0 });
     if (!this.page.state?.pending) this.canvas.resetPreview();
     this.page.changed();
     this.page.redrawMarks();
@@ -293,6 +291,7 @@ export class DoubtsPanel extends PagePart {
   }
 
   next() {
+    if (!this.doubt && this.shown && this.list.length) return this.choose(0);
     if (!this.asks || !this.doubt) return this.page.notify("info", "Choose what is in doubt first: Doubts.");
     this.look((this.at + 1) % this.doubt.choices.length);
   }
