@@ -28,6 +28,7 @@ FLAGS = [
     *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
     *("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
 ]
+NAMES = ("chromium-headless-shell", "chromium")
 WAIT_MS = 240_000
 SETTLED_MS = 1500
 """The 3D scene of software drawing follows the page by about this."""
@@ -59,7 +60,9 @@ def _filmed(url: str) -> Iterator[tuple[bytes, int]]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        browser = playwright.chromium.launch(
+            executable_path=next(filter(None, map(shutil.which, NAMES)), None), args=FLAGS
+        )
         page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]}, color_scheme="light")
         page.set_default_timeout(WAIT_MS)
         page.goto(url)
