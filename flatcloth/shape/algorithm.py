@@ -99,7 +99,7 @@ def laid_out(graph: Graph, used: Bool, vouched: Bool | None = None, seams: Bool 
     vouched : (P,) bool, optional
         Pairs that the operator vouches for: none of them is taken for false, or cut.
     seams : (P,) bool, optional
-        Pairs at seams of two sheets: none is taken for false, and no cloth that lies on other is cut.
+        Pairs at seams of two sheets: none is taken for false. The sheets may lie on each other: no cut.
     """
     pairs, sure = pairs_of(graph), np.zeros(len(graph.pairs), dtype=np.bool_) if vouched is None else vouched
     kept = np.isin(np.arange(len(graph)), graph.pairs[sure])

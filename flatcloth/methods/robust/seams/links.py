@@ -31,11 +31,11 @@ from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 _LOG_ODDS = (1.17, 1.78, -1.51)
 """Logarithm of the odds that a set is true: a constant, for each e-fold of its strength, and for each of one
-more than the true edges that it lays on the other sheet's cloth. Fitted, with the next, to where the nodes at
-298 pairs of pieces of 85 recordings truly are; ``python -m benchmarks seams`` asks the pixels."""
+more than the true edges that it lays on the other sheet's cloth. Fitted, with the next, to true places of
+nodes of 85 recordings; ``python -m benchmarks seams`` fits both to true places of pixels."""
 _FALSE_LOG_ODDS = (-0.48, 0.71)
 """Logarithm of the odds, over 1 plus its evidence, that cloth between two true sets joins falsely: a
-constant, and for what it takes from the true edges against both (benchmarks/seams.py)."""
+constant, and for the true edges against both sets that tearing it leaves out (benchmarks/seams.py)."""
 _SURE_ODDS = logit(SURE)
 _WELL_SEEN = 0.75
 """Trust of a true edge that counts: more than three views faced it. By definition of the trust; fewer may
@@ -120,8 +120,8 @@ class SeamLink:
 class SideJoint:
     """Cloth of a ``side`` (0 this, 1 the other) that joins a ``part`` (N,) of the nodes of a ``piece``.
 
-    ``evidence`` joins it; ``relief`` is how much less speaks against the sets beyond it if it does so
-    falsely; ``false`` is the probability of that, ``is_false`` whether it is taken for false.
+    ``evidence`` joins it; ``false`` is the probability that it does so falsely, ``is_false`` whether it is
+    taken for false. Torn there, fewer true edges speak against the sets at its ends: by ``relief`` e-folds.
     """
 
     side: int
@@ -251,9 +251,9 @@ def joint_between(
     """Return the weakest joint of a side between two sets of a piece; its part has the nodes of the first.
 
     Few views see a false pair, so cloth is cut where little is often seen; ``node`` (K,) is that of each
-    match. If the joint is false, each set lays the other sheet on its own part only, and of the ``edges``
-    against it only those there count. Where it would leave less than ``LEAST_PIECE`` nodes on a side there is
-    none: it is never false.
+    match. If the joint is false, each set lays the other sheet on its own part only, so that of the ``edges``
+    against a set only those on its part count. Where it would leave less than ``LEAST_PIECE`` nodes on a side
+    there is none: it is never false.
     """
     ends = node[links[0].members], node[links[1].members]
     here, there = (np.setdiff1d(each, np.intersect1d(*ends)) for each in ends)
