@@ -147,7 +147,7 @@ def _by_bucket(places: Float32 | Float64, limits: _Limits) -> tuple[Int32, Int32
 def _find_nearest(
     points: Float32, normals: Float32, order: Int32, limits: _Limits, sheets: Float64, found: Int32
 ) -> None:
-    """Write the nearest cluster of some points; those of a cell follow each other, and have the same near."""
+    """Write the nearest cluster of each point of an order; points of one cell share what is compared."""
     first, listed = _by_bucket(sheets[:, :3], limits)
     most = 27 * len(sheets)  # if all cells were in one bucket
     near, number, count, cell = np.empty((most, 6)), np.empty(most, np.int32), 0, (0, 0, 0)

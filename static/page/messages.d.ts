@@ -1002,7 +1002,7 @@ export interface Doubt {
   part_xyz_m: [number, number, number][];
 }
 
-/** A view that shows what holds something: places, median residual (None: unknown), and their pixels. */
+/** What a view sees of what holds cloth: places, median residual (None: unknown), their pixels. */
 export interface HeldByView {
   view_index: number;
   angle_deg: number;

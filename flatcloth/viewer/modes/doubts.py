@@ -47,7 +47,7 @@ _NEAR_M = 0.08
 """From a seam to a point by which it is named. Chosen."""
 _TITLES = {"garment": "By the garment", "seams": "By seams"}
 Decider = Callable[[str, Rigid2], Sequence[Command]]
-"""Returns the decisions of what a message says."""
+"""Makes commands of how a hypothesis is decided and where its cloth is moved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class DoubtService:
         return [http.get("/doubts/{revision:int}.json", self._info)]
 
     def follow(self, picture: Picture | None) -> int | None:
-        """Return the revision of the list of what is shown; on the page's own thread. None: nothing is."""
+        """Return the revision of the list about the shape shown, if any; called on the page's own thread."""
         if picture is None or picture.document is None or picture.sheet is None:
             self._shape = self._key = None
             return None
@@ -89,7 +89,7 @@ class DoubtService:
         return self._revision
 
     def decision(self, asked: Decide) -> Sequence[Command]:
-        """Return the decisions that are meant.
+        """Return the commands of the session that carry out a decision of the page.
 
         Raises
         ------
@@ -277,7 +277,7 @@ class DoubtService:
     # --- what shows them --------------------------------------------------------------------------
 
     def _held(self, view_index: int, places: int, off_m: float | None, xyz_m: Floats) -> HeldByView:
-        """Return a view that holds something, with the pixels at which it does; none outside the image."""
+        """Return what one view sees of the places that hold cloth, with the pixels of those in its image."""
         normal = np.full(3, np.nan)  # what was seen is seen, whichever way the surface is turned
         project = partial(place_in_view, self._page.integration, view_index)
         seen = [project(place, normal) for place in xyz_m[_thinned(len(xyz_m))]]
@@ -326,7 +326,7 @@ def seam_names(seams_uv_m: Sequence[Float64], points: dict[str, Float64]) -> lis
 
 
 def _handles(pivot: Float64, outline: list[list[UV]]) -> tuple[Float64, Float64]:
-    """Return what cloth turns about, and the way from there to the farthest of it."""
+    """Return the point that cloth turns about, and the vector from there to its farthest border."""
     ways = np.array([*(uv for loop in outline for uv in loop), pivot.tolist()]) - pivot
     return pivot, ways[np.argmax(np.linalg.norm(ways, axis=1))]
 

@@ -658,7 +658,7 @@ class SeenViews(Sent, frozen=True):
 
 
 class HeldByView(Sent, frozen=True):
-    """A view that shows what holds something: places, median residual (None: unknown), and their pixels."""
+    """What a view sees of what holds cloth: places, median residual (None: unknown), their pixels."""
 
     view_index: int
     angle_deg: float
