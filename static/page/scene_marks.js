@@ -297,7 +297,7 @@ export class Dial extends PagePart {
     this.drawAxes(context, color);
   }
 
-  /** The axes of the object frame as seen from a little above the camera, so that none points at it. */
+  /** The object frame from a little above the camera; an axis that points at it or away has no letter. */
   drawAxes(/** @type {Context} */ context, /** @type {(name: string) => string} */ color) {
     const { view } = this.page.sceneMarks;
     if (!view) return;
@@ -311,7 +311,7 @@ export class Dial extends PagePart {
       };
       strokeLine(context, [at(0), at(AXIS_PX)], color(shade), 2);
       context.fillStyle = color(shade);
-      context.fillText(name, at(1.4 * AXIS_PX).x - 4, at(1.4 * AXIS_PX).y);
+      if (Math.hypot(x, y) > 0.5) context.fillText(name, at(1.4 * AXIS_PX).x - 4, at(1.4 * AXIS_PX).y);
     });
   }
 }
