@@ -135,7 +135,7 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
     bad = tab.state()["pending"]["view_index"]
     hands.do("accept")  # the verdict is "Look here": it takes a second press, also where it joins the shape
     page.locator(".toast.warning", has_text="Look here: score").wait_for()
-    page.wait_for_timeout(400)  # a press that comes sooner is half of a double click
+    page.wait_for_timeout(1000)  # a press that comes sooner is half of a double click
     hands.do("accept")
     tab.until("flatcloth.state.pending === null && !flatcloth.state.drawing")
     assert tab.state()["views"][bad]["flagged"]
