@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int32, Int64, LaidPiece
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int64, LaidPiece
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.methods.answers import DoubtedJoint, Ends, OtherJoint, Seam
 from flatcloth.methods.robust.seams.laying import Both, joined_pieces, laid_piece, nodes_on, with_laid
@@ -25,7 +25,6 @@ from flatcloth.methods.robust.seams.links import (
     SideJoint,
     linked,
     matches_of,
-    motion_onto,
     sets_of,
 )
 from flatcloth.methods.robust.seams.rims import rim_of
@@ -115,16 +114,15 @@ def join_sides(
     link_of_seam = np.repeat(np.arange(len(true)), np.array([len(link.members) for link in true], dtype=int))
     known = np.isfinite(matches.other_uv_m[joining, 0])
     joining, link_of_seam = joining[known], link_of_seam[known]
-    # 3. Poses of all pieces by the largest sets; one graph, with a node for each place on a seam.
-    posed, places, std_m = _posed(this, other, matches, true)
+    # 3. Both sides in one graph, the other mirrored, with a node for each place on a seam.
+    mirrored = replace(other, all_uv_m=other.all_uv_m * MIRROR)
     graph = _one_graph(
-        posed,
-        (this.piece, other.piece),
+        (this, mirrored),
         np.array([(link.this_piece, link.other_piece) for link in true], dtype=int).reshape(-1, 2)[
             link_of_seam
         ],
         matches.xyz_m[joining],
-        (places[0][joining], places[1][joining]),
+        (matches.this_uv_m[joining], matches.other_uv_m[joining] * MIRROR),
     )
     check()
     # 4. The layout of both sides (shape/layout.py), and its deviations from the main piece of this one.
@@ -132,6 +130,7 @@ def join_sides(
     laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), seams=graph.pairs[:, 1] >= n + m)
     evidence = _doubted(graph, laid.holds, (n, m), link_of_seam, true, joints)
     both, joint_std_m, weak = _on_plane(this, graph, laid, evidence)
+    std_m = _seams_std_m(this, other, true, link_of_seam, both)
     check()
     return Seamed(
         floating=tuple(nodes_on(this, piece) for piece in pieces[0][1:]),
@@ -219,72 +218,45 @@ def with_decisions(
     return sorted(found, key=lambda link: not link.is_kept)
 
 
-def _posed(
-    this: Shape, other: Shape, matches: Matches, links: Sequence[SeamLink]
-) -> tuple[tuple[Shape, Shape], list[Float64], list[Float64]]:
-    """Move the pieces of both sides to where the largest sets of matches lead, and number them by group.
+def _seams_std_m(
+    this: Shape, other: Shape, links: Sequence[SeamLink], link_of_seam: Int64, both: Both
+) -> list[Float64]:
+    """Return what the largest sets leave open of the places of each side's nodes, from piece to piece.
 
-    The other side is returned mirrored, on the plane of this side, with the places of the matches on both,
-    and the standard deviations that the motions give to the nodes of each side. The residuals of a set are
-    not independent: each set counts as one place and one direction, known to ``PLACE_STD_M`` over its extent.
+    The residuals of a set are not independent: each pair of pieces is joined by one place and one direction,
+    known to ``PLACE_STD_M`` over the extent of its sets.
     """
-    count, first = (len(this.nodes), len(other.nodes)), int(this.piece.max()) + 1
-    # The nodes of each side, and after them the matches on it.
-    uv = [
-        np.concatenate(each)
-        for each in ((this.all_uv_m, matches.this_uv_m), (other.all_uv_m, matches.other_uv_m))
-    ]
-    uv[1] = uv[1] * MIRROR - (PIECES_APART_M * first, 0.0)
-    its_piece = np.where(other.piece >= 0, other.piece + first, -1).astype(np.int32)
-    none = np.full(len(matches), -1, dtype=np.int32)
-    number = [np.concatenate([piece, none]) for piece in (this.piece, its_piece)]
-    variance = [np.zeros(len(each)) for each in uv]
-    members: dict[tuple[int, int], list[Int64]] = {}
-    for link in links:
-        members.setdefault((link.this_piece, link.other_piece + first), []).append(link.members)
-    for ends, sets in members.items():
-        for side in (0, 1):
-            number[side][count[side] + np.concatenate(sets)] = ends[side]
-    for sets in sorted(members.values(), key=lambda sets: -sum(map(len, sets))):
-        own = np.concatenate(sets)
-        own = own[np.isfinite(matches.other_uv_m[own, 0])]
-        if not own.size:
-            continue
-        groups = [int(number[side][count[side] + own[0]]) for side in (0, 1)]
-        if groups[0] == groups[1]:
+    n, first = len(this.nodes), int(this.piece.max()) + 1
+    piece = np.concatenate([this.piece, np.where(other.piece >= 0, other.piece + first, -1)])
+    uv, at_seams = both.all_uv_m[: len(piece)], both.all_uv_m[len(piece) :]
+    group = np.where(np.isfinite(uv[:, 0]), piece, -1)  # of each node: the pieces that sets join to one
+    ends = np.array([(link.this_piece, link.other_piece + first) for link in links]).reshape(-1, 2)
+    joined, which, size = np.unique(ends[link_of_seam], axis=0, return_inverse=True, return_counts=True)
+    variance_m2 = np.zeros(len(piece))
+    for k in np.argsort(-size, kind="stable").tolist():
+        seam = at_seams[which.ravel() == k]
+        seam = seam[np.isfinite(seam[:, 0])]
+        numbers = sorted({int(group[piece == end].max(initial=-1)) for end in joined[k]})
+        if len(numbers) < 2 or numbers[0] < 0 or not len(seam):
             continue
         # The group with the smaller number stays where it lies: this side's main piece is 0.
-        stays, moves = (0, 1) if groups[0] < groups[1] else (1, 0)
-        target = uv[stays][count[stays] + own]
-        motion = motion_onto(uv[moves][count[moves] + own], target)
-        there = np.flatnonzero(number[stays][: count[stays]] == groups[stays])
-        its_variance = variance[stays][there[cKDTree(uv[stays][there]).query(target)[1]]].mean()
-        middle, extent_m2 = target.mean(axis=0), target.var(axis=0).sum()
-        for side in (0, 1):
-            moved = number[side] == groups[moves]
-            uv[side][moved] = motion.apply(uv[side][moved])
-            away_m2 = np.square(uv[side][moved] - middle).sum(axis=1)
-            variance[side][moved] += its_variance + PLACE_STD_M**2 * (1.0 + away_m2 / extent_m2)
-            number[side][moved] = groups[stays]
-    posed, mirrored = (
-        replace(shape, all_uv_m=at[: len(shape.nodes)], piece=group[: len(shape.nodes)])
-        for shape, at, group in zip((this, other), uv, number, strict=True)
-    )
-    places = [at[n:] for at, n in zip(uv, count, strict=True)]
-    return (posed, mirrored), places, [np.sqrt(each[:n]) for each, n in zip(variance, count, strict=True)]
+        stays, moves = (np.flatnonzero(group == number) for number in numbers)
+        its_m2 = variance_m2[stays[cKDTree(uv[stays]).query(seam)[1]]].mean()
+        away_m2 = np.square(uv[moves] - seam.mean(axis=0)).sum(axis=1) / seam.var(axis=0).sum()
+        variance_m2[moves] += its_m2 + PLACE_STD_M**2 * (1.0 + away_m2)
+        group[moves] = numbers[0]
+    return np.split(np.sqrt(variance_m2), [n])
 
 
 def _one_graph(
     sides: tuple[Shape, Shape],
-    pieces: tuple[Int32, Int32],
     piece_of_seam: Int64,
     seams_xyz_m: Float64,
     places: tuple[Float64, Float64],
 ) -> Graph:
-    """Return both sides, which lie on one plane, as one graph; ``places`` are those of the seams on each.
+    """Return both sides as one graph; ``places`` (K, 2) are those of the seams on each one's plane.
 
-    ``pieces`` are those of the nodes before they were posed, ``piece_of_seam`` (K, 2) which of them each seam
-    joins: it holds them as they lie.
+    ``piece_of_seam`` (K, 2) are the pieces that each seam joins: it holds them as they lie.
     """
     this, mirrored = sides
     n, m = len(this.nodes), len(mirrored.nodes)
@@ -300,7 +272,7 @@ def _one_graph(
         reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
         for piece in np.unique(piece_of_seam[:, side]).tolist():
             seam = np.flatnonzero(piece_of_seam[:, side] == piece)
-            node = np.flatnonzero(shape.has_place & (pieces[side] == piece))
+            node = np.flatnonzero(shape.has_place & (shape.piece == piece))
             near_seam, near = pairs_within(places[side][seam], shape.all_uv_m[node], reach_m)
             pairs = np.stack([first + node[near], n + m + seam[near_seam]], axis=1)
             parts.append(pairs_as_laid(graph, pairs, z, rotation, PLACE_STD_M, _SEAM_EVIDENCE))
