@@ -293,14 +293,14 @@ def active_routes(
 ) -> list[BaseRoute]:
     """Return the routes; ``on_answer`` is called with each answer before it is sent."""
 
-    async def answered(make: Callable[[], dict[str, Any]]) -> Response:
+    async def answered(request: Request, make: Callable[[], dict[str, Any]]) -> Response:
         answer = await run_in_threadpool(make)
         on_answer(answer)
-        return http.as_json(answer)
+        return http.as_json(request, answer)
 
     async def following(request: Request) -> Response:
         rotation_deg = http.rotation_of(request)
-        return await answered(lambda: service.next(rotation_deg))
+        return await answered(request, lambda: service.next(rotation_deg))
 
     async def view(request: Request) -> Response:
         rotation_deg = http.rotation_of(request)
@@ -310,7 +310,9 @@ def active_routes(
         except (ValueError, RecordingError) as error:
             raise http.RefusedError(f"The view was not read: {error}", 400) from error
         if seen is None:
-            return await answered(lambda: service.look(posted.angle_deg, posted.number, rotation_deg))
-        return await answered(lambda: service.take(seen, posted.number, rotation_deg))
+            return await answered(
+                request, lambda: service.look(posted.angle_deg, posted.number, rotation_deg)
+            )
+        return await answered(request, lambda: service.take(seen, posted.number, rotation_deg))
 
     return [Route("/robot/next", following), Route("/robot/view", view, methods=["POST"])]
