@@ -989,6 +989,7 @@ export interface Doubt {
   area_cm2: number;
   length_mm: number;
   probability: number;
+  side: "other" | "this";
   weak: boolean;
   is_apart: boolean;
   outline_uv_m: [number, number][][];

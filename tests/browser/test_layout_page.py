@@ -27,6 +27,12 @@ HIDDEN = """() => {
     .map((e) => e.id || e.dataset.id || e.textContent); }"""
 """Controls of which something else covers the middle, or that lie outside the window."""
 
+TOO_SMALL = """() => [...document.querySelectorAll("button, select, summary")]
+    .filter((e) => e.checkVisibility({ visibilityProperty: true }))
+    .filter((e) => Math.min(e.getBoundingClientRect().width, e.getBoundingClientRect().height) < 43.5)
+    .map((e) => e.id || e.dataset.id || e.className)"""
+"""Controls that a finger misses."""
+
 
 def resize(tab, width, height, kind):
     tab.page.set_viewport_size({"width": width, "height": height})
@@ -100,3 +106,13 @@ def splitters_keep_least_sizes_and_the_read_out_folds(tab):
     keys.press("Shift+B")
     assert row.evaluate("(e) => e.checkVisibility()")
     assert not row.is_visible()  # nothing is pointed at: its place says what comes there
+
+
+def test_fingers_hit_each_control_of_a_phone(open_tab):
+    tab = open_tab(390, 844, has_touch=True).ready()
+    assert tab.page.evaluate(TOO_SMALL) == []
+    tab.step()
+    for part in tab.page.evaluate("flatcloth.column.parts"):
+        tab.page.locator(f"[data-id=part-{part}]").tap()
+        assert tab.page.evaluate(TOO_SMALL) == [], part
+    assert tab.overflow() == [0, 0]

@@ -27,6 +27,7 @@ from flatcloth.grasping.visibility import Visibility
 from flatcloth.methods.answers import Seam
 from flatcloth.session.document import Document
 from flatcloth.session.garment import DecideLink, DecidePiece
+from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Command, Reopen, TakePart
 from flatcloth.shape.joints import NEGLIGIBLE
 from flatcloth.viewer import http
@@ -135,6 +136,8 @@ class DoubtService:
         for piece in sheet.pieces:
             yield self._piece(shape, piece, _place_by_garment(known, piece))
         if made is not None:
+            for piece in made.sheet.pieces:
+                yield self._floating(piece, "other"), _nothing
             points = {} if known is None else {n: p.uv_m for n, p in known.found.points.items()}
             names = seam_names([sheet.places(s.this_uv_m)[1] for s in made.sides.seams], points)
             for seam, name in zip(made.sides.seams, names, strict=True):
@@ -204,33 +207,22 @@ class DoubtService:
     # --- floating pieces --------------------------------------------------------------------------
 
     def _piece(self, shape: _Shape, piece: SheetPiece, place: Placed | None) -> tuple[Doubt, Decider]:
-        view, known = piece.view, shape.known
-        choices = [] if piece.placed else [Choice("hand", "Where it floats", "Place by hand")]
-        note = piece.reason
-        if known is not None and place is not None:
-            there = place.shape_from_piece @ piece.sheet_from_plane.inverse()
-            by_it = Choice(
-                "place", _TITLES["garment"], "Place it there", place.probability, there, 1e3 * place.std_m
+        known, note = shape.known, ""
+        choices: list[Choice] = []
+        is_refused = known is not None and place is not None and place.index in known.pieces.refused
+        left = None if place is None else 1.0 - place.probability
+        if is_refused:
+            note = " You refused the garment's place."
+            choices = [Choice("hand", "Elsewhere", "Place by hand", left)]
+        elif not piece.placed:
+            choices = [Choice("hand", "Where it floats", "Place by hand")]
+        if place is not None:
+            sure, there = place.probability, place.shape_from_piece @ piece.sheet_from_plane.inverse()
+            choices.append(
+                Choice("place", _TITLES["garment"], "Place it there", sure, there, 1e3 * place.std_m)
             )
-            refused = place.index in known.pieces.refused
-            note += " You refused the garment's place." * refused
-            choices += [by_it, *[Choice("cut", "Not by the garment", "Refuse that place")] * (not refused)]
-        outline = outline_of(view)
-        ends = view.uv_from_rc(np.array([[0, 0], [view.shape[0] - 1, view.shape[1] - 1]]))
-        pivot, arm = _handles(ends.mean(axis=0), outline)
-        doubt = Doubt(
-            kind="piece",
-            title=piece.label,
-            said=f"{1e4 * view.area_m2:.0f} cm2, {'placed' if piece.placed else 'floats'}",
-            note=note,
-            area_cm2=1e4 * view.area_m2,
-            outline_uv_m=outline,
-            pivot_uv_m=_uv(pivot),
-            arm_uv_m=_uv(arm),
-            part_xyz_m=_points(view.xyz_m[view.valid]),
-            views=[self._held(v, 0, None, np.zeros((0, 3))) for v in piece.views],
-            choices=choices,
-        )
+            if not is_refused:
+                choices.append(Choice("cut", "Elsewhere", "Refuse that place", left))
 
         def decide(how: str, by: Rigid2) -> Sequence[Command]:
             if known is not None and place is not None and how != "hand":
@@ -240,7 +232,28 @@ class DoubtService:
             found = place_of_piece(self._page.integration.views, piece, views)
             return Reopen(found.view_index), TakePart(found.view_index, found.component, by @ found.placement)
 
-        return doubt, decide
+        return self._floating(piece, "this", choices, note), decide
+
+    def _floating(
+        self, piece: SheetPiece, side: SheetSide, choices: Sequence[Choice] = (), note: str = ""
+    ) -> Doubt:
+        view, outline = piece.view, outline_of(piece.view)
+        ends = view.uv_from_rc(np.array([[0, 0], [view.shape[0] - 1, view.shape[1] - 1]]))
+        pivot, arm = _handles(ends.mean(axis=0), outline)
+        return Doubt(
+            kind="piece",
+            side=side,
+            title=piece.label if side == "this" else f"{piece.label}, other side",
+            said=f"{1e4 * view.area_m2:.0f} cm2, {'placed' if piece.placed else 'floats'}",
+            note=piece.reason + note,
+            area_cm2=1e4 * view.area_m2,
+            outline_uv_m=outline,
+            pivot_uv_m=_uv(pivot),
+            arm_uv_m=_uv(arm),
+            part_xyz_m=_points(view.xyz_m[view.valid]),
+            views=[self._held(v, 0, None, np.zeros((0, 3))) for v in piece.views],
+            choices=list(choices),
+        )
 
     # --- seams ------------------------------------------------------------------------------------
 
@@ -289,6 +302,10 @@ class DoubtService:
             residual_mm=None if off_m is None else round(1e3 * float(off_m), 2),
             rc=[(round(float(place.row), 1), round(float(place.col), 1)) for place in inside],
         )
+
+
+def _nothing(_how: str, _by: Rigid2) -> Sequence[Command]:
+    raise FlatclothError("A floating piece of the other side cannot be placed.")
 
 
 def _place_by_garment(known: KnownGarment | None, piece: SheetPiece) -> Placed | None:

@@ -684,10 +684,11 @@ class Choice(Sent, frozen=True, kw_only=False):
 class Doubt(Sent, frozen=True):
     """A hypothesis about the shape: a joint that holds a part, a floating piece, or a seam of both sides.
 
-    ``weak``: much may be wrong; ``is_apart``: it joins nothing. ``outline_uv_m`` is that of its cloth, which
-    turns about ``pivot_uv_m``; ``arm_uv_m`` leads from there to the farthest of it. ``ends_uv_m`` are ends of
-    pairs across a joint, that of the part first, with their lengths along the cloth. The other places are
-    where it holds, on both sides and in space. ``choices`` begin with what holds now.
+    ``weak``: much may be wrong; ``is_apart``: it joins nothing. ``outline_uv_m`` is that of its cloth on the
+    plane of its ``side``, which turns about ``pivot_uv_m``; ``arm_uv_m`` leads from there to the farthest of
+    it. ``ends_uv_m`` are ends of pairs across a joint, that of the part first, with their lengths along the
+    cloth. The other places are where it holds, on both sides and in space. ``choices`` begin with what holds
+    now; the probabilities of those that have one add up to 1.
     """
 
     kind: Literal["joint", "piece", "seam"]
@@ -699,6 +700,7 @@ class Doubt(Sent, frozen=True):
     area_cm2: float = 0.0
     length_mm: float = 0.0
     probability: float = 1.0
+    side: SheetSide = "this"
     weak: bool = False
     is_apart: bool = False
     outline_uv_m: list[list[UV]] = msgspec.field(default_factory=list)
