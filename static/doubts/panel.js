@@ -8,7 +8,7 @@ import { fitOf, holds, joiningText, overlapAt, overlapOfProposal, shapeOf } from
 import { drawCaption, drawMoved, drawPieces } from "../canvas/pieces.js";
 import { Pyramid } from "../canvas/pyramid.js";
 import { askJson, Fetched } from "../page/connection.js";
-import { byId, hasKeys, heading, make, rebuild, setText, smallButton, swatch } from "../page/dom.js";
+import { byId, heading, make, rebuild, setText, smallButton, swatch } from "../page/dom.js";
 import { cm2, mm, number, percent } from "../page/format.js";
 
 const HIT_PX = 10;
@@ -145,12 +145,14 @@ export class DoubtsPanel extends PagePart {
     };
   }
 
-  /** What most doubtful cloth hangs on, in words; "": nothing is doubtful; null: that is not known. */
+  /** What most doubtful cloth hangs on, or where it belongs, in words; "": nothing is doubtful; null: that is not known. */
   get told() {
     if (!this.found || this.found.trouble) return null;
-    const joint = this.list.find(({ weak }) => weak);
-    if (!joint) return "";
-    return `${cm2(joint.area_cm2)} hang on one joint that is right with a probability of ${number(100 * joint.probability, 1)} %`;
+    const doubt = this.list.find(({ weak }) => weak);
+    if (!doubt) return "";
+    const { kind, title, area_cm2, probability } = doubt;
+    if (kind === "piece") return `The garment has a place for piece ${title}, ${cm2(area_cm2)}`;
+    return `${cm2(area_cm2)} hang on one joint that is right with a probability of ${number(100 * probability, 1)} %`;
   }
 
   /** What is asked about what is chosen. */
@@ -318,6 +320,7 @@ export class DoubtsPanel extends PagePart {
     const how = this.choice?.how ?? (doubt.kind === "piece" ? "hand" : "place");
     const place = this.choice ? motionOf(this.choice) : canvas.motion;
     page.send({ type: "decide", revision: found.revision, index, how, place });
+    if (how !== "hand") this.choose(doubt.kind === "seam" ? index : null); // the next one is asked about then
   }
 
   /** It is moved by hand. */
@@ -430,8 +433,7 @@ export class DoubtsPanel extends PagePart {
       drawCaption(canvas, style, joiningText(overlapOfProposal(this.page) ?? 0));
     if (doubt && this.held && canvas.isMoved) {
       drawMoved(canvas, style, doubt.outline_uv_m, canvas.motion);
-      const told = (canvas.gesture && this.fit) || `${this.decision}${hasKeys() ? " (A)" : ""}?`;
-      drawCaption(canvas, style, told);
+      if (canvas.gesture && this.fit) drawCaption(canvas, style, this.fit);
     }
     if (!this.shown) return;
     if (doubt) this.drawAt(doubt, [0, 0, 0], "--accent");

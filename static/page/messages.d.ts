@@ -347,7 +347,6 @@ export interface AutoInfo {
   running: boolean;
   waits_for: string;
   ended: string;
-  until: string;
 }
 
 /** The pictures of the shape; ``revision`` is part of their addresses. */

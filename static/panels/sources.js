@@ -8,7 +8,6 @@ import { onPinch } from "../canvas/pinch.js";
 import {
   buttonOf,
   byId,
-  contextOf,
   isPlain,
   make,
   onWheel,
@@ -41,8 +40,6 @@ const HIDDEN = {
 };
 
 /**
- * @typedef {ImageBitmap & { box?: ItemBox }} SourcePicture
- *
  * @typedef {object} Drawn what is drawn, for tests
  * @property {boolean} labels
  * @property {boolean} states
@@ -74,9 +71,8 @@ export class SourcePanel extends PagePart {
   seenAt = /** @type {string | null} */ (null); // where it is asked for them
   rests = 0;
   at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
-  images = /** @type {Map<string, SourcePicture | null>} */ (new Map()); // by address
-  /** @type {Map<string, ItemBox | null | undefined>} */
-  itemBoxes = new Map(); // by address, of recordings without masks; undefined while they are fetched
+  images = /** @type {Map<string, ImageBitmap | null>} */ (new Map()); // by address
+  itemBoxes = /** @type {Map<string, ItemBox | null | undefined>} */ (new Map()); // by address
   imageCanvas = make("canvas#source-canvas", { role: "img" });
   stroke = /** @type {UV[] | null} */ (null); // pixels (row, col) of the stroke that is being drawn
   drawn = /** @type {Drawn | null} */ (null);
@@ -322,27 +318,25 @@ export class SourcePanel extends PagePart {
     if (kept !== undefined) return kept;
     this.images.set(address, null);
     for (const old of this.images.keys()) if (this.images.size > IMAGES_KEPT) this.images.delete(old);
-    askPicture(address).then((/** @type {SourcePicture | null} */ image) => {
+    askPicture(address).then((image) => {
       if (!image) return; // what cannot be read is not asked for again and again
-      if (address.endsWith("/mask.png")) image.box = boxOfItem(image);
       this.images.set(address, image);
       this.draw();
     });
     return null;
   }
 
-  /** Without masks the item is wider than the cloth that is known to be of interest; undefined while it is fetched. */
+  /** The part of a view's image that shows the item; undefined while it is fetched. */
   itemBox(/** @type {number} */ view) {
-    const { sides } = this.page.state;
-    if (!sides || sides.certainty === null) return null;
-    const address = `sides/${view}/box.json?v=${sides.token}`;
-    if (this.itemBoxes.has(address)) return this.itemBoxes.get(address);
-    this.itemBoxes.set(address, undefined);
-    askJson(address).then((found) => {
-      this.itemBoxes.set(address, found);
-      this.draw();
-    });
-    return undefined;
+    const address = `sides/${view}/box.json?v=${this.page.state.sides?.token}`;
+    if (!this.itemBoxes.has(address)) {
+      this.itemBoxes.set(address, undefined);
+      askJson(address).then((found) => {
+        this.itemBoxes.set(address, found);
+        this.draw();
+      });
+    }
+    return this.itemBoxes.get(address);
   }
 
   draw() {
@@ -359,8 +353,8 @@ export class SourcePanel extends PagePart {
     this.imageCanvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
     this.imageCanvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
     const item = this.itemBox(view);
-    if (!color || !mask?.box || item === undefined) return;
-    const whole = item ? withMargin(item, color) : mask.box;
+    if (!color || !mask || !item) return;
+    const whole = withMargin(item, color);
     const [mostWide, mostHigh] = [this.scene.clientWidth, this.scene.clientHeight].map((px) =>
       Math.max(this.scene.clientHeight < LOW_PX ? 0 : LEAST_PX, MOST_SHARE * px),
     );
@@ -413,26 +407,6 @@ export class SourcePanel extends PagePart {
 
 /** @typedef {{ clientX: number; clientY: number }} Pointed */
 const atPointer = (/** @type {Point} */ { x, y }) => ({ clientX: x, clientY: y });
-
-/** The part of an image that shows the item, where its cover lets it through; all of it if that is nothing. */
-function boxOfItem(/** @type {ImageBitmap} */ image) {
-  const { width, height } = image;
-  const context = contextOf(new OffscreenCanvas(width, height));
-  context.drawImage(image, 0, 0);
-  const { data } = context.getImageData(0, 0, width, height);
-  let [left, top, right, bottom] = [width, height, -1, -1];
-  for (let i = 0; i < width * height; i++) {
-    if (data[4 * i + 3] !== 0) continue;
-    const x = i % width;
-    const y = (i - x) / width;
-    left = Math.min(left, x);
-    right = Math.max(right, x);
-    top = Math.min(top, y);
-    bottom = y;
-  }
-  if (right < 0) return { left: 0, top: 0, width, height };
-  return withMargin({ left, top, width: right - left, height: bottom - top }, image);
-}
 
 /** A part of an image with a margin around it. @param {ItemBox} box @param {ImageBitmap} image @returns {ItemBox} */
 function withMargin({ left, top, width, height }, image) {
