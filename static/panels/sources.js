@@ -29,7 +29,7 @@ const MOST_SHARE = 0.28; // of the scene's width and height
 const MOST_ZOOM = 16;
 const LOW_PX = 420; // a scene that is lower than this keeps the most of it for itself
 const MARGIN = 0.12; // around the item, as a share of its size
-const IMAGES_KEPT = 8;
+const KEPT = 12; // pictures, and where the item is on them
 const RESTS_MS = 400; // from a pick until its views are looked for, which takes the server longer than a click
 /** @type {Record<string, string>} */
 const HIDDEN = {
@@ -71,8 +71,7 @@ export class SourcePanel extends PagePart {
   seenAt = /** @type {string | null} */ (null); // where it is asked for them
   rests = 0;
   at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
-  images = /** @type {Map<string, ImageBitmap | null>} */ (new Map()); // by address
-  itemBoxes = /** @type {Map<string, ItemBox | null | undefined>} */ (new Map()); // by address
+  kept = /** @type {Map<string, any>} */ (new Map()); // what was fetched, by address
   imageCanvas = make("canvas#source-canvas", { role: "img" });
   stroke = /** @type {UV[] | null} */ (null); // pixels (row, col) of the stroke that is being drawn
   drawn = /** @type {Drawn | null} */ (null);
@@ -312,47 +311,34 @@ export class SourcePanel extends PagePart {
     );
   }
 
-  /** Return a picture, or null while it is fetched: it is drawn when it is there. */
-  image(/** @type {string} */ address) {
-    const kept = this.images.get(address);
-    if (kept !== undefined) return kept;
-    this.images.set(address, null);
-    for (const old of this.images.keys()) if (this.images.size > IMAGES_KEPT) this.images.delete(old);
-    askPicture(address).then((image) => {
-      if (!image) return; // what cannot be read is not asked for again and again
-      this.images.set(address, image);
+  /** What an address gives, a picture or values; null while that is fetched: it is drawn when it is there. */
+  fetched(/** @type {string} */ address) {
+    const known = this.kept.get(address);
+    if (known !== undefined) return known;
+    this.kept.set(address, null);
+    for (const old of this.kept.keys()) if (this.kept.size > KEPT) this.kept.delete(old);
+    (address.includes(".json") ? askJson : askPicture)(address).then((found) => {
+      if (!found) return; // what cannot be read is not asked for again and again
+      this.kept.set(address, found);
       this.draw();
     });
     return null;
-  }
-
-  /** The part of a view's image that shows the item; undefined while it is fetched. */
-  itemBox(/** @type {number} */ view) {
-    const address = `sides/${view}/box.json?v=${this.page.state.sides?.token}`;
-    if (!this.itemBoxes.has(address)) {
-      this.itemBoxes.set(address, undefined);
-      askJson(address).then((found) => {
-        this.itemBoxes.set(address, found);
-        this.draw();
-      });
-    }
-    return this.itemBoxes.get(address);
   }
 
   draw() {
     const { view } = this;
     if (this.panel.hidden || this.folded.on || view === null) return;
     const masked = this.masked.on;
-    const color = this.image(`source/${view}/color.jpg`);
+    const color = this.fetched(`source/${view}/color.jpg`);
     const shaded = masked ? ", what is not the item shaded" : "";
     this.imageCanvas.setAttribute("aria-label", `Source image of view ${view}${shaded}`);
-    const mask = this.image(`source/${view}/mask.png`);
+    const mask = this.fetched(`source/${view}/mask.png`);
     const sides = this.page.brush?.addressOf(view);
     const lost = this.states.addressOf(view, this.revision);
-    const labels = lost ? this.image(lost) : sides && masked ? this.image(sides) : null;
+    const labels = lost ? this.fetched(lost) : sides && masked ? this.fetched(sides) : null;
     this.imageCanvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
     this.imageCanvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
-    const item = this.itemBox(view);
+    const item = this.fetched(`sides/${view}/box.json?v=${this.page.state.sides?.token}`);
     if (!color || !mask || !item) return;
     const whole = withMargin(item, color);
     const [mostWide, mostHigh] = [this.scene.clientWidth, this.scene.clientHeight].map((px) =>

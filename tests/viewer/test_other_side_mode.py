@@ -160,7 +160,6 @@ def test_what_floats_of_the_other_side_is_among_the_doubts_and_nothing_is_decide
         (piece,) = (each for each in doubts(server, tab) if each["side"] == "other")
     assert (piece["title"], piece["choices"]) == ("B, other side", [])
     assert [view["view_index"] for view in piece["views"]] == [6]
-    assert piece["area_cm2"] == pytest.approx(1e4 * both.view.area_m2)
 
 
 def test_pieces_that_seams_lay_are_shown_on_the_shape(server, both, integration, folder):
