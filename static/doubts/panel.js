@@ -86,6 +86,12 @@ export class DoubtsPanel extends PagePart {
   toggle() {
     const { column } = this.page;
     column.choose(this.shown ? column.usual : "doubts");
+    this.bring();
+  }
+
+  /** Bring what is chosen into sight. */
+  bring() {
+    if (this.shown) document.querySelector(".doubt-detail")?.parentElement?.scrollIntoView({ block: "nearest" });
   }
 
   update(/** @type {State} */ state) {
@@ -257,6 +263,7 @@ export class DoubtsPanel extends PagePart {
     Object.assign(this, { chosen, notice, at: 0 });
     if (!this.page.state?.pending) this.canvas.resetPreview();
     this.page.changed();
+    this.bring();
     this.page.redrawMarks();
     this.canvas.refit();
   }
