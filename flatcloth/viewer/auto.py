@@ -20,11 +20,8 @@ from flatcloth.session.machine import (
     TakePart,
 )
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import AutoInfo, NoteLevel
+from flatcloth.viewer.protocol.sent import AutoInfo
 from flatcloth.viewer.protocol.settings import Settings
-
-MUCH_FLOATS = 0.1
-"""Share of floating cloth from which an end is no success. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,6 @@ class Wait:
 class End:
     """End, and tell so; ``by_choice`` is why, if views are left that may add cloth."""
 
-    level: NoteLevel
     text: str
     by_choice: str = ""
 
@@ -66,7 +62,7 @@ def next_step(state: SessionState, auto: AutoInfo, settings: Settings, picture: 
     if not auto.running or state.phase is Phase.COMPUTING or (started and not up_to_date):
         return None
     if state.phase is Phase.FINISHED:
-        return _end(document.finished or "", picture)
+        return End(f"Auto has ended. {document.finished or ''}")
     if not started:
         return Start()
     if auto.waits_for:
@@ -77,7 +73,7 @@ def next_step(state: SessionState, auto: AutoInfo, settings: Settings, picture: 
     n_views = len(document.used_views)
     if settings.auto_until == "views" and n_views >= settings.auto_views and not document.later:
         enough = f"The shape has {n_views} views, as chosen."
-        return _end(enough, picture, by_choice=enough)
+        return End(f"Auto has ended. {enough}", by_choice=enough)
     return Propose()
 
 
@@ -90,13 +86,6 @@ def after(auto: AutoInfo, command: Command) -> AutoInfo:
     return auto if isinstance(command, Nudge | TakePart | LeaveOut) else AutoInfo()
 
 
-def until_text(settings: Settings) -> str:
-    """Return until when Auto runs, in words."""
-    if settings.auto_until == "views":
-        return f"until the shape has {settings.auto_views:.0f} views"
-    return "until no view adds cloth"
-
-
 def _what_is_unsure(pending: Pending, threshold: float) -> str:
     """Return what Auto asks about a proposal; empty if its score is good enough."""
     if math.isfinite(pending.score) and pending.score >= threshold:
@@ -105,11 +94,3 @@ def _what_is_unsure(pending: Pending, threshold: float) -> str:
         f"Auto waits for you: the score of view {pending.view_index} is {pending.score:.2f}, below"
         f" {threshold:.2f}. Accept, move, reject or skip it; then Auto goes on."
     )
-
-
-def _end(reason: str, picture: Picture | None, by_choice: str = "") -> End:
-    sheet = None if picture is None else picture.sheet
-    share = 0.0 if sheet is None else sheet.floating_m2 / max(sheet.floating_m2 + sheet.shape_m2, 1e-9)
-    if share < MUCH_FLOATS:
-        return End("info", f"Auto has finished. {reason}", by_choice)
-    return End("warning", f"Auto has ended, but {100 * share:.0f} % of the cloth floats. {reason}", by_choice)

@@ -6,6 +6,8 @@ A route raises what is wrong; :data:`REFUSALS` makes the answer of it.
 from __future__ import annotations
 
 import asyncio
+import functools
+import gzip
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +15,6 @@ from typing import Any, TypeVar
 from urllib.parse import quote
 
 import msgspec
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
@@ -32,6 +33,8 @@ LOOK_S = 0.25
 """Interval at which a client that waits is checked for having left. Chosen."""
 DAY = "private, max-age=86400"
 """Cache-Control of pictures whose address changes when they do."""
+_KEPT = 16
+"""Packed answers that are kept. Chosen: more than one page has."""
 
 
 def get(
@@ -47,22 +50,36 @@ def get(
     None is answered by ``gone`` (410; without such a text by 204, which no browser takes for an error).
     """
 
-    async def answer(request: Request) -> Response:
-        data = await run_in_threadpool(make, request)
+    def answer(request: Request) -> Response:  # on a thread
+        data = make(request)
         if data is None and gone is None:
             return Response(status_code=204, headers={"Cache-Control": "no-store"})
         if data is None:
             return PlainTextResponse(gone, status_code=410)
         if isinstance(data, bytes):
             return Response(data, media_type=media_type, headers={"Cache-Control": kept})
-        return as_json(data)
+        return as_json(request, data)
 
     return Route(path, answer)
 
 
-def as_json(values: Any) -> Response:
+def as_json(request: Request, values: Any) -> Response:
     """Return values as JSON that browsers do not keep."""
-    return Response(encoded(values), media_type="application/json", headers={"Cache-Control": "no-store"})
+    return packed(request, encoded(values), "application/json", {"Cache-Control": "no-store"})
+
+
+def packed(request: Request, data: bytes, media_type: str, headers: dict[str, str]) -> Response:
+    """Return data, zipped where the browser takes that."""
+    headers = {**headers, "Vary": "Accept-Encoding"}
+    if "gzip" in request.headers.get("accept-encoding", ""):
+        headers["Content-Encoding"] = "gzip"
+        data = _zipped(data)
+    return Response(data, media_type=media_type, headers=headers)
+
+
+@functools.lru_cache(_KEPT)
+def _zipped(data: bytes) -> bytes:
+    return gzip.compress(data, 6, mtime=0)
 
 
 def page_of(request: Request, file: Path) -> Response:

@@ -10,14 +10,14 @@ const PALE = 0.6;
 const FONT = "600 14px system-ui, sans-serif";
 
 /**
- * Draw them all; the rectangle of the `chosen` one (its letter) is not broken.
+ * Draw them all, moved by so much; the rectangle of the `chosen` one (its letter) is not broken.
  * @param {FlatCanvas} canvas @param {Context} context @param {Style} style @param {Piece[]} pieces
- * @param {string | null} chosen
+ * @param {string | null} chosen @param {Motion} by
  */
-export function drawPieces(canvas, context, style, pieces, chosen) {
+export function drawPieces(canvas, context, style, pieces, chosen, by = [0, 0, 0]) {
   const taken = /** @type {Tag[]} */ ([]);
   for (const piece of pieces) {
-    const corners = cornersOf(boxOf(piece.grid)).map(([u, v]) => canvas.transform.toPane(u, v));
+    const corners = cornersOf(boxOf(piece.grid)).map((uv) => canvas.transform.toPane(...applied(by, ...uv)));
     const chosenOne = piece.label === chosen;
     strokeLine(context, [...corners, corners[0]], piece.color, chosenOne ? 3 : 1.5, chosenOne ? [] : [5, 4]);
     taken.push(drawTag(canvas, style, corners, piece, taken));

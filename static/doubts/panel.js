@@ -8,7 +8,7 @@ import { fitOf, holds, joiningText, overlapAt, overlapOfProposal, shapeOf } from
 import { drawCaption, drawMoved, drawPieces } from "../canvas/pieces.js";
 import { Pyramid } from "../canvas/pyramid.js";
 import { askJson, Fetched } from "../page/connection.js";
-import { byId, hasKeys, heading, make, rebuild, setText, smallButton, swatch } from "../page/dom.js";
+import { byId, heading, make, rebuild, setText, smallButton, swatch } from "../page/dom.js";
 import { cm2, mm, number, percent } from "../page/format.js";
 
 const HIT_PX = 10;
@@ -86,6 +86,12 @@ export class DoubtsPanel extends PagePart {
   toggle() {
     const { column } = this.page;
     column.choose(this.shown ? column.usual : "doubts");
+    this.bring();
+  }
+
+  /** Bring what is chosen into sight. */
+  bring() {
+    if (this.shown) document.querySelector(".doubt-detail")?.parentElement?.scrollIntoView({ block: "nearest" });
   }
 
   update(/** @type {State} */ state) {
@@ -145,12 +151,14 @@ export class DoubtsPanel extends PagePart {
     };
   }
 
-  /** What most doubtful cloth hangs on, in words; "": nothing is doubtful; null: that is not known. */
+  /** What most doubtful cloth hangs on, or where it belongs, in words; "": nothing is doubtful; null: that is not known. */
   get told() {
     if (!this.found || this.found.trouble) return null;
-    const joint = this.list.find(({ weak }) => weak);
-    if (!joint) return "";
-    return `${cm2(joint.area_cm2)} hang on one joint that is right with a probability of ${number(100 * joint.probability, 1)} %`;
+    const doubt = this.list.find(({ weak }) => weak);
+    if (!doubt) return "";
+    const { kind, title, area_cm2, probability } = doubt;
+    if (kind === "piece") return `The garment has a place for piece ${title}, ${cm2(area_cm2)}`;
+    return `${cm2(area_cm2)} hang on one joint that is right with a probability of ${number(100 * probability, 1)} %`;
   }
 
   /** What is asked about what is chosen. */
@@ -191,7 +199,7 @@ export class DoubtsPanel extends PagePart {
       "li",
       make(
         "button.button.small.doubt",
-        { pressed: on, key: `doubt-${n}`, click: () => this.choose(on ? null : n) },
+        { pressed: on, key: `doubt-${n}`, click: () => this.open(on ? null : n) },
         swatch(on ? "var(--accent)" : color),
         make("b", doubt.title),
         make("small", doubt.said),
@@ -255,8 +263,17 @@ export class DoubtsPanel extends PagePart {
     Object.assign(this, { chosen, notice, at: 0 });
     if (!this.page.state?.pending) this.canvas.resetPreview();
     this.page.changed();
+    this.bring();
     this.page.redrawMarks();
     this.canvas.refit();
+  }
+
+  /** Choose one, and show its side of the item. */
+  open(/** @type {number | null} */ n) {
+    const { side, beside } = this.canvas;
+    const { kind, side: own } = this.list[n ?? -1] ?? { kind: "seam" };
+    if (kind !== "seam" && own !== side && !beside.wanted) this.page.actionOf("turn_over")?.(false);
+    this.choose(n);
   }
 
   /** Whether a key decides about it. */
@@ -291,7 +308,7 @@ export class DoubtsPanel extends PagePart {
   }
 
   next() {
-    if (!this.doubt && this.shown && this.list.length) return this.choose(0);
+    if (!this.doubt && this.shown && this.list.length) return this.open(0);
     if (!this.asks || !this.doubt) return this.page.notify("info", "Choose what is in doubt first: Doubts.");
     this.look((this.at + 1) % this.doubt.choices.length);
   }
@@ -310,6 +327,7 @@ export class DoubtsPanel extends PagePart {
     const how = this.choice?.how ?? (doubt.kind === "piece" ? "hand" : "place");
     const place = this.choice ? motionOf(this.choice) : canvas.motion;
     page.send({ type: "decide", revision: found.revision, index, how, place });
+    if (how !== "hand") this.choose(doubt.kind === "seam" ? index : null); // the next one is asked about then
   }
 
   /** It is moved by hand. */
@@ -373,10 +391,11 @@ export class DoubtsPanel extends PagePart {
   click(/** @type {number} */ u, /** @type {number} */ v) {
     if (!this.shown || !this.found || this.page.state.pending) return false;
     const { list, canvas } = this;
-    const holding = canvas.side === "this" ? list.filter((doubt) => holds(doubt, u, v)) : [];
+    const { sheet, u_m, v_m } = canvas.located(u, v);
+    const holding = list.filter((doubt) => doubt.side === sheet && holds(doubt, u_m, v_m));
     holding.sort((a, b) => a.area_cm2 - b.area_cm2);
     const found = nearest(list, (doubt) => this.marksOf(doubt), canvas.transform.toPane(u, v), HIT_PX) ?? holding[0];
-    if (!found && canvas.side === "other") return false;
+    if (!found && sheet === "other") return false;
     const none = "This cloth belongs to the largest part: nothing within it is joined by little evidence.";
     this.choose(found ? list.indexOf(found) : null, found ? "" : none);
     return true;
@@ -398,8 +417,10 @@ export class DoubtsPanel extends PagePart {
     return [...on("this", this_uv_m), ...on("other", other_uv_m)].map((uv) => canvas.transform.toPane(...uv));
   };
 
-  pieceOf(/** @type {Doubt} */ { kind, title }) {
-    return kind === "piece" ? this.page.thisSide.layers?.pieces.find(({ label }) => label === title) : undefined;
+  pieceOf(/** @type {Doubt} */ { kind, side, title }) {
+    const { layers, other } = this.page.thisSide;
+    const pieces = (side === "this" ? layers : other?.layers)?.pieces;
+    return kind === "piece" ? pieces?.find(({ label }) => label === title.split(",")[0]) : undefined;
   }
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
@@ -409,23 +430,20 @@ export class DoubtsPanel extends PagePart {
     // Those of the picture that is shown; that of the present state may be on its way.
     if (canvas.layerRevision === state.layers?.revision) this.drawn = state.layers.pieces;
     if (canvas.side === "this") this.drawPlaces();
-    const chosen = doubt?.kind === "piece" ? doubt.title : null;
-    drawPieces(
-      canvas,
-      context,
-      style,
-      this.drawn.filter(({ placed }) => !placed),
-      chosen,
-    );
+    const chosenOn = (/** @type {SideName} */ side) => (doubt?.side === side && this.pieceOf(doubt)?.label) || null;
+    const floating = this.drawn.filter(({ placed }) => !placed);
+    drawPieces(canvas, context, style, floating, chosenOn(canvas.side));
+    const { motion } = canvas.beside;
+    const others = this.page.thisSide.other?.layers?.pieces ?? [];
+    if (motion) drawPieces(canvas, context, style, others, chosenOn("other"), motion);
     if (canvas.overlay.shown && canvas.gesture && canvas.isMoved)
       drawCaption(canvas, style, joiningText(overlapOfProposal(this.page) ?? 0));
     if (doubt && this.held && canvas.isMoved) {
       drawMoved(canvas, style, doubt.outline_uv_m, canvas.motion);
-      const told = (canvas.gesture && this.fit) || `${this.decision}${hasKeys() ? " (A)" : ""}?`;
-      drawCaption(canvas, style, told);
+      if (canvas.gesture && this.fit) drawCaption(canvas, style, this.fit);
     }
     if (!this.shown) return;
-    if (doubt && canvas.side === "this") this.drawAt(doubt, [0, 0, 0], "--accent");
+    if (doubt) this.drawAt(doubt, [0, 0, 0], "--accent");
     const marks = list.map((each) => ({ at: this.marksOf(each), doubted: each.weak || each.is_apart }));
     drawSeams(context, style, marks, this.chosen);
   }
@@ -452,8 +470,10 @@ export class DoubtsPanel extends PagePart {
   /** The outline of its cloth, moved by so much. @param {Doubt} doubt @param {Motion} by */
   drawAt(doubt, by, color = "--warn") {
     const style = getComputedStyle(this.canvas.canvas);
-    for (const loop of loopsAt(doubt, by))
-      strokeLoop(this.canvas, loop, style.getPropertyValue(color), 2, { rim: 1.5, dash: [6, 4] });
+    for (const loop of loopsAt(doubt, by)) {
+      const shown = loop.map((uv) => this.canvas.shownAt(doubt.side, uv)).filter((uv) => uv !== null);
+      strokeLoop(this.canvas, shown, style.getPropertyValue(color), 2, { rim: 1.5, dash: [6, 4] });
+    }
   }
 
   /** @param {Context} context @param {Style} style @param {PlaceInScene} place */

@@ -50,7 +50,7 @@ export function floatingOf(/** @type {{ pieces: Piece[] }} */ layers) {
   return { pieces, area_cm2: pieces.reduce((sum, piece) => sum + piece.area_cm2, 0) };
 }
 
-const MUCH_FLOATS = 0.1; // of all cloth: from here on an end is no success, as in viewer/auto.py
+const MUCH_FLOATS = 0.1; // of all cloth: from here on an end is no success
 
 /** The end of an integration in a word, or that much cloth still floats. */
 export function endOf(/** @type {State} */ { layers }) {

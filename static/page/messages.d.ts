@@ -347,7 +347,6 @@ export interface AutoInfo {
   running: boolean;
   waits_for: string;
   ended: string;
-  until: string;
 }
 
 /** The pictures of the shape; ``revision`` is part of their addresses. */
@@ -989,6 +988,7 @@ export interface Doubt {
   area_cm2: number;
   length_mm: number;
   probability: number;
+  side: "other" | "this";
   weak: boolean;
   is_apart: boolean;
   outline_uv_m: [number, number][][];

@@ -71,11 +71,12 @@ export function showLog() {
   openSheet("log", "l");
 }
 
-/** One tooltip for the whole page: shown on hover and on keyboard focus, never in the way of the pointer. */
+/** One tooltip for the whole page: shown on hover and where keys move the focus, not where something opens. */
 export function startTips() {
   const tip = byId("tip");
   let owner = /** @type {Element | null} */ (null);
   let timer = 0;
+  let tabbed = false;
   const hide = () => {
     clearTimeout(timer);
     tip.hidden = true;
@@ -85,7 +86,8 @@ export function startTips() {
     const target = /** @type {HTMLElement | null} */ (targetOf(event).closest?.("[data-tip]"));
     if (!target?.dataset.tip) return hide();
     const byPointer = event instanceof PointerEvent;
-    if (byPointer ? event.pointerType === "touch" : !target.matches(":focus-visible")) return;
+    const isMoved = target.matches(":focus-visible") && (event.type === "roved" || tabbed);
+    if (byPointer ? event.pointerType === "touch" : !isMoved) return;
     if (target === owner) return;
     hide();
     owner = target;
@@ -100,9 +102,13 @@ export function startTips() {
   };
   document.addEventListener("pointerover", show);
   document.addEventListener("focusin", show);
+  document.addEventListener("roved", show);
   document.addEventListener("focusout", hide);
   document.addEventListener("pointerdown", hide);
-  document.addEventListener("keydown", hide);
+  document.addEventListener("keydown", (event) => {
+    hide();
+    tabbed = event.key === "Tab";
+  });
   document.addEventListener("pointerout", (event) => {
     if (owner && !staysIn(owner, event)) hide();
   });

@@ -54,10 +54,12 @@ function hint(/** @type {Page} */ { thisSide, doubts }) {
 function nextOf(state, doubt) {
   const angle = (/** @type {number | null} */ i) => `view ${i} (${number(state.views[i ?? 0].angle_deg, 0)}°)`;
   const { request, pending, n_later } = state;
-  const { running, waits_for, ended, until } = state.auto;
+  const { running, waits_for, ended } = state.auto;
   if (state.trouble || waits_for) return state.trouble || waits_for;
   if (state.drawing && !state.layers && state.phase !== "computing") return "The views of the session are flattened.";
-  const auto = running ? `Auto goes on ${until}. ` : "";
+  const { auto_until, auto_views } = state.settings;
+  const until = auto_until === "views" ? `the shape has ${auto_views} views` : "no view adds cloth";
+  const auto = running ? `Auto goes on until ${until}. ` : "";
   const at = running ? "Auto is on. " : "";
   if (state.active && ["ready", "finished"].includes(state.phase)) return auto + task(state.active);
   if (auto && state.phase !== "computing") return auto;

@@ -71,7 +71,6 @@ export class Repair {
 
   piece(/** @type {Pending["pieces"][number]} */ piece, /** @type {number} */ view_index) {
     const { component, area_cm2, waits, chosen } = piece;
-    const area = cm2(area_cm2);
     return make(
       "button.button",
       {
@@ -84,8 +83,7 @@ export class Repair {
       },
       make("span.unseen", "Part "),
       make("b", String(component + 1)),
-      ` ${area}`,
-      waits && [make("span", { "aria-hidden": "true" }, " …"), make("span.unseen", ", waits")],
+      ` ${cm2(area_cm2)}${waits ? " floats" : ""}`,
     );
   }
 

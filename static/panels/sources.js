@@ -8,7 +8,6 @@ import { onPinch } from "../canvas/pinch.js";
 import {
   buttonOf,
   byId,
-  contextOf,
   isPlain,
   make,
   onWheel,
@@ -30,7 +29,7 @@ const MOST_SHARE = 0.28; // of the scene's width and height
 const MOST_ZOOM = 16;
 const LOW_PX = 420; // a scene that is lower than this keeps the most of it for itself
 const MARGIN = 0.12; // around the item, as a share of its size
-const IMAGES_KEPT = 8;
+const KEPT = 12; // pictures, and where the item is on them
 const RESTS_MS = 400; // from a pick until its views are looked for, which takes the server longer than a click
 /** @type {Record<string, string>} */
 const HIDDEN = {
@@ -41,8 +40,6 @@ const HIDDEN = {
 };
 
 /**
- * @typedef {ImageBitmap & { box?: ItemBox }} SourcePicture
- *
  * @typedef {object} Drawn what is drawn, for tests
  * @property {boolean} labels
  * @property {boolean} states
@@ -74,9 +71,7 @@ export class SourcePanel extends PagePart {
   seenAt = /** @type {string | null} */ (null); // where it is asked for them
   rests = 0;
   at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
-  images = /** @type {Map<string, SourcePicture | null>} */ (new Map()); // by address
-  /** @type {Map<string, ItemBox | null | undefined>} */
-  itemBoxes = new Map(); // by address, of recordings without masks; undefined while they are fetched
+  kept = /** @type {Map<string, any>} */ (new Map()); // what was fetched, by address
   imageCanvas = make("canvas#source-canvas", { role: "img" });
   stroke = /** @type {UV[] | null} */ (null); // pixels (row, col) of the stroke that is being drawn
   drawn = /** @type {Drawn | null} */ (null);
@@ -316,51 +311,36 @@ export class SourcePanel extends PagePart {
     );
   }
 
-  /** Return a picture, or null while it is fetched: it is drawn when it is there. */
-  image(/** @type {string} */ address) {
-    const kept = this.images.get(address);
-    if (kept !== undefined) return kept;
-    this.images.set(address, null);
-    for (const old of this.images.keys()) if (this.images.size > IMAGES_KEPT) this.images.delete(old);
-    askPicture(address).then((/** @type {SourcePicture | null} */ image) => {
-      if (!image) return; // what cannot be read is not asked for again and again
-      if (address.endsWith("/mask.png")) image.box = boxOfItem(image);
-      this.images.set(address, image);
+  /** What an address gives, a picture or values; null while that is fetched: it is drawn when it is there. */
+  fetched(/** @type {string} */ address) {
+    const known = this.kept.get(address);
+    if (known !== undefined) return known;
+    this.kept.set(address, null);
+    for (const old of this.kept.keys()) if (this.kept.size > KEPT) this.kept.delete(old);
+    (address.includes(".json") ? askJson : askPicture)(address).then((found) => {
+      if (!found) return; // what cannot be read is not asked for again and again
+      this.kept.set(address, found);
       this.draw();
     });
     return null;
-  }
-
-  /** Without masks the item is wider than the cloth that is known to be of interest; undefined while it is fetched. */
-  itemBox(/** @type {number} */ view) {
-    const { sides } = this.page.state;
-    if (!sides || sides.certainty === null) return null;
-    const address = `sides/${view}/box.json?v=${sides.token}`;
-    if (this.itemBoxes.has(address)) return this.itemBoxes.get(address);
-    this.itemBoxes.set(address, undefined);
-    askJson(address).then((found) => {
-      this.itemBoxes.set(address, found);
-      this.draw();
-    });
-    return undefined;
   }
 
   draw() {
     const { view } = this;
     if (this.panel.hidden || this.folded.on || view === null) return;
     const masked = this.masked.on;
-    const color = this.image(`source/${view}/color.jpg`);
+    const color = this.fetched(`source/${view}/color.jpg`);
     const shaded = masked ? ", what is not the item shaded" : "";
     this.imageCanvas.setAttribute("aria-label", `Source image of view ${view}${shaded}`);
-    const mask = this.image(`source/${view}/mask.png`);
+    const mask = this.fetched(`source/${view}/mask.png`);
     const sides = this.page.brush?.addressOf(view);
     const lost = this.states.addressOf(view, this.revision);
-    const labels = lost ? this.image(lost) : sides && masked ? this.image(sides) : null;
+    const labels = lost ? this.fetched(lost) : sides && masked ? this.fetched(sides) : null;
     this.imageCanvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
     this.imageCanvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
-    const item = this.itemBox(view);
-    if (!color || !mask?.box || item === undefined) return;
-    const whole = item ? withMargin(item, color) : mask.box;
+    const item = this.fetched(`sides/${view}/box.json?v=${this.page.state.sides?.token}`);
+    if (!color || !mask || !item) return;
+    const whole = withMargin(item, color);
     const [mostWide, mostHigh] = [this.scene.clientWidth, this.scene.clientHeight].map((px) =>
       Math.max(this.scene.clientHeight < LOW_PX ? 0 : LEAST_PX, MOST_SHARE * px),
     );
@@ -413,26 +393,6 @@ export class SourcePanel extends PagePart {
 
 /** @typedef {{ clientX: number; clientY: number }} Pointed */
 const atPointer = (/** @type {Point} */ { x, y }) => ({ clientX: x, clientY: y });
-
-/** The part of an image that shows the item, where its cover lets it through; all of it if that is nothing. */
-function boxOfItem(/** @type {ImageBitmap} */ image) {
-  const { width, height } = image;
-  const context = contextOf(new OffscreenCanvas(width, height));
-  context.drawImage(image, 0, 0);
-  const { data } = context.getImageData(0, 0, width, height);
-  let [left, top, right, bottom] = [width, height, -1, -1];
-  for (let i = 0; i < width * height; i++) {
-    if (data[4 * i + 3] !== 0) continue;
-    const x = i % width;
-    const y = (i - x) / width;
-    left = Math.min(left, x);
-    right = Math.max(right, x);
-    top = Math.min(top, y);
-    bottom = y;
-  }
-  if (right < 0) return { left: 0, top: 0, width, height };
-  return withMargin({ left, top, width: right - left, height: bottom - top }, image);
-}
 
 /** A part of an image with a margin around it. @param {ItemBox} box @param {ImageBitmap} image @returns {ItemBox} */
 function withMargin({ left, top, width, height }, image) {

@@ -1,7 +1,7 @@
 // The views of the recording in a row: what was decided, in which order, with which score; dragging along it
 // turns the item.
 
-import { byId, make, rebuild, setCurrent, taken, targetOf } from "../page/dom.js";
+import { byId, make, rebuild, setCurrent, taken, targetOf, within } from "../page/dom.js";
 import { number } from "../page/format.js";
 
 export const STATES = {
@@ -97,7 +97,8 @@ export class Timeline {
     if (this.from === null || !event.buttons || this.page.hasCamera) return;
     if (!this.dragged && Math.abs(event.clientX - this.from) < DRAG_PX) return;
     this.dragged = true;
-    const cell = document.elementFromPoint(event.clientX, this.row.getBoundingClientRect().top + 12);
+    const { top, bottom } = this.row.getBoundingClientRect();
+    const cell = document.elementFromPoint(event.clientX, within(event.clientY, top + 12, bottom - 12));
     const at = this.cells.findIndex((view) => view.contains(cell));
     if (at >= 0) this.turnTo(at);
   }

@@ -366,9 +366,10 @@ def open_tab(program: Program, request: pytest.FixtureRequest):
     browser = request.getfixturevalue("chromium" if has_scene else "flat_chromium")
 
     def open_one(
-        width: int = 1280, height: int = 720, scheme: str = "light", *, has_scene: bool = has_scene
+        width: int = 1280, height: int = 720, scheme: str = "light", *, has_scene=has_scene, has_touch=False
     ) -> Tab:
-        page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
+        size = {"width": width, "height": height}
+        page = browser.new_page(viewport=size, color_scheme=scheme, has_touch=has_touch)
         tabs.append(Tab(page, program.url, has_scene=has_scene))
         return tabs[-1]
 

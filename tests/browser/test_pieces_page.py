@@ -75,6 +75,7 @@ def with_a_place(route):
     for piece in (doubt for doubt in found["doubts"] if doubt["kind"] == "piece"):
         told = {"how": "place", "title": "By the garment", "decide": "Place it there", "std_mm": 4.0}
         piece["choices"].append({**told, "probability": 0.9, "placement": place})
+        piece["weak"] = True
     route.fulfill(response=response, body=json.dumps(found))
 
 
@@ -83,6 +84,8 @@ def it_snaps_to_its_ghost(tab):
     tab.page.route("**/doubts/*.json", with_a_place)
     tab.page.reload()
     tab.ready()
+    tab.page.keyboard.press("Shift+E")
+    expect(tab.page.locator("#result p").first).to_contain_text("The garment has a place for piece B, ")
     choose_the_piece(tab)
     tab.until("flatcloth.doubts.held && flatcloth.handles.places !== null")
     canvas, mouse = tab.page.locator("#canvas").bounding_box(), tab.page.mouse

@@ -176,6 +176,7 @@ def test_a_decision_about_a_piece_is_told_and_undone(page, accepted) -> None:
     session.record(command)
     row, choices, _ = page.piece(session.state.document)
     assert ("cut" in choices, "You refused" in row["note"]) == (accepted, not accepted)
+    assert sum(choice["probability"] or 0.0 for choice in row["choices"]) == pytest.approx(1.0)
     session.record(Undo())
     _, choices, _ = page.piece(session.state.document)
     assert "cut" in choices

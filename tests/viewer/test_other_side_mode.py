@@ -10,7 +10,7 @@ import pytest
 from page_tabs import Has, Tab, get, leads_to
 from viewer_fakes import HEIGHT_M, CylinderIntegration, cylinder_view
 
-from flatcloth.core.types import LaidPiece, Rigid2
+from flatcloth.core.types import FlattenedView, LaidPiece, Rigid2
 from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.server.app import PageServer
@@ -28,6 +28,7 @@ class Both:
         self.gate.set()
         self.trouble = ""
         self.laid: tuple[LaidPiece, ...] = ()
+        self.floating: tuple[FlattenedView, ...] = ()
         self.asked: list = []
         self.made_of: list = []
         self.view = cylinder_view({6: 180.0})
@@ -54,7 +55,7 @@ class Both:
             why="cut by the operator" if cut else "",
             decided=None if not seams else "cut" if cut else "keep",
         )
-        other = Canonical(view=self.view, current_from_view={})
+        other = Canonical(view=self.view, current_from_view={}, floating=self.floating)
         return JoinedSides(other=other, seams=(seam,), is_related=not cut, laid=self.laid)
 
 
@@ -150,6 +151,15 @@ def test_a_pick_on_the_other_side_is_kept_while_that_is_not_known(integration, f
     with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
         assert tab.proposed()["picks"][0]["uv_m"] is None
         leads_to(tab, {"type": "show_pick", "id": 1}, {"pick.in_shape": False, "pick.grip": None})
+
+
+def test_what_floats_of_the_other_side_is_among_the_doubts_and_nothing_is_decided_about_it(server, both):
+    both.floating = (replace(both.view, origin_uv_m=(3.0, 0.0)),)
+    with Tab(server) as tab:
+        turned_over(tab, both)
+        (piece,) = (each for each in doubts(server, tab) if each["side"] == "other")
+    assert (piece["title"], piece["choices"]) == ("B, other side", [])
+    assert [view["view_index"] for view in piece["views"]] == [6]
 
 
 def test_pieces_that_seams_lay_are_shown_on_the_shape(server, both, integration, folder):

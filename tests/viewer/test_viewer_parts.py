@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import reduce
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from viewer_fakes import CENTER_M, CylinderRecording, cylinder_view
 
 from flatcloth.core.types import Rigid2
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legends, rgba
-from flatcloth.session.document import Document
 from flatcloth.session.machine import (
     Accept,
     NothingMore,
@@ -22,11 +20,8 @@ from flatcloth.session.machine import (
     Started,
     apply,
 )
-from flatcloth.viewer import auto
 from flatcloth.viewer.protocol.actions import ACTIONS, action_table
 from flatcloth.viewer.protocol.picture import values_at
-from flatcloth.viewer.protocol.sent import AutoInfo
-from flatcloth.viewer.protocol.settings import Settings
 
 AXIS = CylinderRecording().rotation_axis
 # Keys that browsers keep for themselves, or that move the focus.
@@ -121,25 +116,3 @@ def test_attributes_are_those_of_the_pixel_under_the_pointer():
     assert found.height_mm == pytest.approx(1000 * (CENTER_M[1] - view.xyz_m[3, 5, 1]), abs=1e-3)
     assert values_at(view, u, v - 1.0, AXIS) is None
     assert values_at(view, float(view.origin_uv_m[0]) - view.pixel_size_m, v, AXIS) is None
-
-
-# --- what Auto does next ---------------------------------------------------------------------------
-
-
-RUNS = AutoInfo(running=True)
-BEGUN = Document(start_view=0)
-
-
-def next_step(document=BEGUN, settings=None, *, auto_now=RUNS, floating_m2=0.0):
-    sheet = SimpleNamespace(floating_m2=floating_m2, shape_m2=0.1)
-    picture = SimpleNamespace(document=document, sheet=sheet)
-    state = SessionState(12, document)
-    return auto.next_step(state, auto_now, settings or Settings(), picture)
-
-
-def test_an_end_with_much_floating_cloth_is_no_success():
-    ended = replace(BEGUN, finished="No view is left.")
-    good, bad = next_step(ended), next_step(ended, floating_m2=0.1)
-    assert (good.level, bad.level) == ("info", "warning")
-    assert good.text == "Auto has finished. No view is left."
-    assert "50 % of the cloth floats" in bad.text

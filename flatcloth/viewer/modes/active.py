@@ -293,24 +293,22 @@ def active_routes(
 ) -> list[BaseRoute]:
     """Return the routes; ``on_answer`` is called with each answer before it is sent."""
 
-    async def answered(make: Callable[[], dict[str, Any]]) -> Response:
-        answer = await run_in_threadpool(make)
+    async def answered(request: Request, make: Callable[[float | None], dict[str, Any]]) -> Response:
+        answer = await run_in_threadpool(make, http.rotation_of(request))
         on_answer(answer)
-        return http.as_json(answer)
+        return http.as_json(request, answer)
 
     async def following(request: Request) -> Response:
-        rotation_deg = http.rotation_of(request)
-        return await answered(lambda: service.next(rotation_deg))
+        return await answered(request, service.next)
 
     async def view(request: Request) -> Response:
-        rotation_deg = http.rotation_of(request)
         posted = await http.read_json(request, PostedView, MAX_BODY_BYTES)
         try:
             seen = await run_in_threadpool(posted.view) if posted.has_images else None
         except (ValueError, RecordingError) as error:
             raise http.RefusedError(f"The view was not read: {error}", 400) from error
         if seen is None:
-            return await answered(lambda: service.look(posted.angle_deg, posted.number, rotation_deg))
-        return await answered(lambda: service.take(seen, posted.number, rotation_deg))
+            return await answered(request, lambda deg: service.look(posted.angle_deg, posted.number, deg))
+        return await answered(request, lambda deg: service.take(seen, posted.number, deg))
 
     return [Route("/robot/next", following), Route("/robot/view", view, methods=["POST"])]

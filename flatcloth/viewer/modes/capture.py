@@ -380,7 +380,7 @@ class CaptureApplication(PageController):
                 angle_deg, keeps_itself = said.angle_deg, said.keep
             await run_in_threadpool(self.act, _HEARD[word], angle_deg, keeps_itself)
             self._put(None, self.publish)
-            return http.as_json(await run_in_threadpool(self.status))
+            return http.as_json(request, await run_in_threadpool(self.status))
 
         return [
             http.get("/capture", lambda _: self.status()),

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from msgspec import structs
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
@@ -27,6 +28,7 @@ from flatcloth.grasping.visibility import Visibility
 from flatcloth.methods.answers import Seam
 from flatcloth.session.document import Document
 from flatcloth.session.garment import DecideLink, DecidePiece
+from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Command, Reopen, TakePart
 from flatcloth.shape.joints import NEGLIGIBLE
 from flatcloth.viewer import http
@@ -135,6 +137,8 @@ class DoubtService:
         for piece in sheet.pieces:
             yield self._piece(shape, piece, _place_by_garment(known, piece))
         if made is not None:
+            for piece in made.sheet.pieces:
+                yield self._floating(piece, "other"), lambda *_: ()  # nothing can be decided about it
             points = {} if known is None else {n: p.uv_m for n, p in known.found.points.items()}
             names = seam_names([sheet.places(s.this_uv_m)[1] for s in made.sides.seams], points)
             for seam, name in zip(made.sides.seams, names, strict=True):
@@ -204,33 +208,18 @@ class DoubtService:
     # --- floating pieces --------------------------------------------------------------------------
 
     def _piece(self, shape: _Shape, piece: SheetPiece, place: Placed | None) -> tuple[Doubt, Decider]:
-        view, known = piece.view, shape.known
+        known, doubt = shape.known, self._floating(piece, "this")
         choices = [] if piece.placed else [Choice("hand", "Where it floats", "Place by hand")]
-        note = piece.reason
         if known is not None and place is not None:
-            there = place.shape_from_piece @ piece.sheet_from_plane.inverse()
-            by_it = Choice(
-                "place", _TITLES["garment"], "Place it there", place.probability, there, 1e3 * place.std_m
-            )
-            refused = place.index in known.pieces.refused
-            note += " You refused the garment's place." * refused
-            choices += [by_it, *[Choice("cut", "Not by the garment", "Refuse that place")] * (not refused)]
-        outline = outline_of(view)
-        ends = view.uv_from_rc(np.array([[0, 0], [view.shape[0] - 1, view.shape[1] - 1]]))
-        pivot, arm = _handles(ends.mean(axis=0), outline)
-        doubt = Doubt(
-            kind="piece",
-            title=piece.label,
-            said=f"{1e4 * view.area_m2:.0f} cm2, {'placed' if piece.placed else 'floats'}",
-            note=note,
-            area_cm2=1e4 * view.area_m2,
-            outline_uv_m=outline,
-            pivot_uv_m=_uv(pivot),
-            arm_uv_m=_uv(arm),
-            part_xyz_m=_points(view.xyz_m[view.valid]),
-            views=[self._held(v, 0, None, np.zeros((0, 3))) for v in piece.views],
-            choices=choices,
-        )
+            sure, there = place.probability, place.shape_from_piece @ piece.sheet_from_plane.inverse()
+            by_it = Choice("place", _TITLES["garment"], "Place it there", sure, there, 1e3 * place.std_m)
+            if place.index in known.pieces.refused:
+                choices = [Choice("hand", "Elsewhere", "Place by hand", 1.0 - sure), by_it]
+                doubt = structs.replace(doubt, note=f"{doubt.note} You refused the garment's place.")
+            else:
+                much = sure * piece.view.area_m2 > NEGLIGIBLE * known.canonical.view.area_m2
+                doubt = structs.replace(doubt, weak=much and not piece.placed)
+                choices += [by_it, Choice("cut", "Elsewhere", "Refuse that place", 1.0 - sure)]
 
         def decide(how: str, by: Rigid2) -> Sequence[Command]:
             if known is not None and place is not None and how != "hand":
@@ -240,7 +229,26 @@ class DoubtService:
             found = place_of_piece(self._page.integration.views, piece, views)
             return Reopen(found.view_index), TakePart(found.view_index, found.component, by @ found.placement)
 
-        return doubt, decide
+        return structs.replace(doubt, choices=choices), decide
+
+    def _floating(self, piece: SheetPiece, side: SheetSide) -> Doubt:
+        view, outline = piece.view, outline_of(piece.view)
+        ends = view.uv_from_rc(np.array([[0, 0], [view.shape[0] - 1, view.shape[1] - 1]]))
+        pivot, arm = _handles(ends.mean(axis=0), outline)
+        return Doubt(
+            kind="piece",
+            side=side,
+            title=piece.label if side == "this" else f"{piece.label}, other side",
+            said=f"{1e4 * view.area_m2:.0f} cm2, {'placed' if piece.placed else 'floats'}",
+            note=piece.reason,
+            area_cm2=1e4 * view.area_m2,
+            outline_uv_m=outline,
+            pivot_uv_m=_uv(pivot),
+            arm_uv_m=_uv(arm),
+            part_xyz_m=_points(view.xyz_m[view.valid]),
+            views=[self._held(v, 0, None, np.zeros((0, 3))) for v in piece.views],
+            choices=[],
+        )
 
     # --- seams ------------------------------------------------------------------------------------
 

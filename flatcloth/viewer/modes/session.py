@@ -322,7 +322,7 @@ class Application(PageController):
                 self.tell(None, "warning", text)
             case auto.End():
                 self.other.is_wanted = True
-                self._end_auto(step.level, step.text, step.by_choice)
+                self._end_auto("info", step.text, step.by_choice)
             case Accept(view_index=view):
                 self._do(Accept(view, proposal.score_shown(self.picture, self._state.document)))
             case _:
@@ -361,7 +361,6 @@ class Application(PageController):
             **own,
             "pending": pending,
             "review": self._review.info(document),
-            "auto": structs.replace(self._auto, until=auto.until_text(self.settings.now)),
             "sides": self._sides.info(),
             "garment": self._garment.info(),
             "other": self.other.info(),

@@ -14,9 +14,11 @@ from starlette.requests import Request
 from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.geometry import window_of
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke, why_off_image
 from flatcloth.core.types import Bool, Floats, Int64
 from flatcloth.engine.views import ViewCloud
+from flatcloth.flattening.surface import item_mask
 from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
 from flatcloth.rendering.pictures import jpeg_thumbnail, small_shape
@@ -249,16 +251,21 @@ class SideController:
         return jpeg_thumbnail(color)
 
     def item_box(self, view: int, _certain: bool = False) -> ItemBox | None:
-        """Return the part of a view that shows the item; None if it is not known, or the view shows none."""
-        labels = self._labels(view)
-        item = None if labels is None else np.argwhere(labels.side != NO_ITEM)
-        if labels is None or item is None or not len(item):
+        """Return the part of a view that shows the item, whichever of its sides; all of it if none does."""
+        integration, labels = self._page.integration, self._labels(view)
+        if view >= len(integration.recording):
             return None
-        (top, left), (bottom, right) = item.min(axis=0), item.max(axis=0) + 1
-        row, col = labels.offset_rc
-        return ItemBox(
-            top=int(top + row), left=int(left + col), height=int(bottom - top), width=int(right - left)
+        if labels is None:
+            frame = integration.views.frame(view)
+            item, offset = item_mask(frame, integration.axis, integration.config.surface), (0, 0)
+        else:
+            item, offset = labels.side != NO_ITEM, labels.offset_rc
+        rows, cols = window_of(item) or map(slice, (0, 0), item.shape)
+        (top, left), (height, width) = (
+            (rows.start, cols.start),
+            (rows.stop - rows.start, cols.stop - cols.start),
         )
+        return ItemBox(top=top + offset[0], left=left + offset[1], height=height, width=width)
 
     def view_png(self, view: int, certain: bool = False) -> bytes | None:
         """Return the labels of a view, or their certainty, as PNG; None if they are not known."""

@@ -426,15 +426,11 @@ class SidesInfo(Sent, frozen=True):
 
 
 class AutoInfo(Sent, frozen=True):
-    """Whether Auto decides; ``waits_for`` the operator, if it does; ``ended`` by choice, and why.
-
-    ``until`` says when it ends.
-    """
+    """Whether Auto decides; ``waits_for`` the operator, if it does; ``ended`` by choice, and why."""
 
     running: bool = False
     waits_for: str = ""
     ended: str = ""
-    until: str = ""
 
     @property
     def is_busy(self) -> bool:
@@ -684,10 +680,11 @@ class Choice(Sent, frozen=True, kw_only=False):
 class Doubt(Sent, frozen=True):
     """A hypothesis about the shape: a joint that holds a part, a floating piece, or a seam of both sides.
 
-    ``weak``: much may be wrong; ``is_apart``: it joins nothing. ``outline_uv_m`` is that of its cloth, which
-    turns about ``pivot_uv_m``; ``arm_uv_m`` leads from there to the farthest of it. ``ends_uv_m`` are ends of
-    pairs across a joint, that of the part first, with their lengths along the cloth. The other places are
-    where it holds, on both sides and in space. ``choices`` begin with what holds now.
+    ``weak``: much may be wrong, or has an open place; ``is_apart``: it joins nothing. ``outline_uv_m`` is
+    that of its cloth on the plane of its ``side``; the cloth turns about ``pivot_uv_m``, and ``arm_uv_m``
+    leads from there to its farthest place. ``ends_uv_m`` are ends of pairs across a joint, that of the part
+    first, with their lengths along the cloth. The other places are where it holds, on both sides and in
+    space. ``choices`` begin with what holds now; the probabilities of those that have one add up to 1.
     """
 
     kind: Literal["joint", "piece", "seam"]
@@ -699,6 +696,7 @@ class Doubt(Sent, frozen=True):
     area_cm2: float = 0.0
     length_mm: float = 0.0
     probability: float = 1.0
+    side: SheetSide = "this"
     weak: bool = False
     is_apart: bool = False
     outline_uv_m: list[list[UV]] = msgspec.field(default_factory=list)

@@ -246,7 +246,7 @@ def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
     async def pick(request: Request) -> Response:
         rotation_deg = http.rotation_of(request)
         proposed = await http.read_json(request, ProposedPick, MAX_BODY_BYTES, "See /robot/schema.json.")
-        return http.as_json(await run_in_threadpool(answers.propose, proposed, rotation_deg))
+        return http.as_json(request, await run_in_threadpool(answers.propose, proposed, rotation_deg))
 
     return [
         http.get("/robot/shape", lambda _: answers.shape()),

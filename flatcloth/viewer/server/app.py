@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import functools
-import gzip
 import hashlib
 import logging
 import mimetypes
@@ -32,7 +31,7 @@ from flatcloth.core.memory import free, return_freed_memory
 from flatcloth.core.resources import static_folder
 from flatcloth.export.page import whole
 from flatcloth.recordings.mending import Mends
-from flatcloth.viewer.http import REFUSALS, page_of
+from flatcloth.viewer.http import REFUSALS, packed, page_of
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.protocol.sent import Switched
 from flatcloth.viewer.routes.start import StartRoutes
@@ -279,13 +278,9 @@ def _viser_page(request: Request) -> Response:
 
     page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text()
     page = page.replace("<head>", f"<head>{_REST}", 1)
-    answer = packed(request, page, "text/html")
+    answer = _checked(request, page, "text/html")
     answer.headers["X-Frame-Options"] = "SAMEORIGIN"
     return answer
-
-
-_KEPT = 16
-"""Packed files that are kept. Chosen: more than one page has."""
 
 
 class OwnFiles(StaticFiles):
@@ -298,24 +293,16 @@ class OwnFiles(StaticFiles):
             return await super().get_response(path, scope)
         folder = Path(self.directory).resolve()
         text = await run_in_threadpool(whole, folder, Path(found).relative_to(folder).as_posix())
-        return packed(Request(scope), text, mimetypes.guess_type(path)[0] or "text/plain")
+        return _checked(Request(scope), text, mimetypes.guess_type(path)[0] or "text/plain")
 
 
-def packed(request: Request, text: str, media_type: str) -> Response:
-    """Return a text, zipped where the browser takes that; it asks each time whether the text has changed."""
-    data, tag = text.encode(), hashlib.sha256(text.encode()).hexdigest()[:32]
-    headers = {"ETag": f'"{tag}"', "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
+def _checked(request: Request, text: str, media_type: str) -> Response:
+    """Return a text; the browser asks each time whether it has changed."""
+    data = text.encode()
+    headers = {"ETag": f'"{hashlib.sha256(data).hexdigest()[:32]}"', "Cache-Control": "no-cache"}
     if request.headers.get("if-none-match") == headers["ETag"]:
         return NotModifiedResponse(Response(headers=headers).headers)
-    if "gzip" in request.headers.get("accept-encoding", ""):
-        headers["Content-Encoding"] = "gzip"
-        data = _zipped(data)
-    return Response(data, media_type=media_type, headers=headers)
-
-
-@functools.lru_cache(_KEPT)
-def _zipped(data: bytes) -> bytes:
-    return gzip.compress(data, 6, mtime=0)
+    return packed(request, data, media_type, headers)
 
 
 def _workspace_of(opened: Opened) -> Workspace:
