@@ -158,7 +158,7 @@ def settle_header(
         versions={name: _version(name) for name in ("flatcloth", "numpy", "scipy", "viser")},
         id=secrets.token_hex(8),
     )
-    write_header(folder, header)
+    write_kept(path, header)
     return header
 
 
@@ -183,12 +183,7 @@ def take_growth(folder: Path, recording: Recording) -> None:
     header = read_header(folder)
     had = header.recording.views
     if had < len(recording) and header.recording.fingerprint == fingerprint(recording, had):
-        write_header(folder, grown(header, recording))
-
-
-def write_header(folder: Path, header: Header) -> None:
-    """Write ``session.json``; raises ``JournalError``."""
-    write_kept(folder / HEADER, header)
+        write_kept(folder / HEADER, grown(header, recording))
 
 
 def _check(path: Path, kept: Header, recording: Recording, config: Config, method: str) -> None:
