@@ -10,9 +10,9 @@ import importlib
 import os
 from pathlib import Path
 
-ON_ONE_CORE = ("fused", "garments", "registration", "segmentation", "speed")
+ON_ONE_CORE = ("garments", "registration", "segmentation", "speed")
 """Their times are those of one core; they are run last."""
-BUNDLED = ("accuracy", "flattening", "fused", "page", "reliability", "segmentation", "size", "speed")
+BUNDLED = ("accuracy", "flattening", "page", "reliability", "segmentation", "size", "speed")
 """Run if none is named: on the bundled recordings they take minutes, and replace the results of others. Those
 left out are about other recordings, take hours, or write what the program reads (``compiling``)."""
 NAMES = tuple(
@@ -35,11 +35,6 @@ def main() -> None:
         "--recordings", nargs="+", default=[], metavar="FOLDER", help="instead of the bundled recordings"
     )
     parser.add_argument("--quick", action="store_true", help="few problems, one repetition, nothing written")
-    parser.add_argument(
-        "--other",
-        action="store_true",
-        help="segmentation: the operator wants the other panel; writes segmentation_other.json",
-    )
     parser.add_argument(
         "--keep",
         default="",

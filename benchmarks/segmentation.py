@@ -146,14 +146,6 @@ def side_shown_first(found: Segmentation, truth: Truth) -> tuple[int, bool]:
     return common // 2, bool(common % 2)
 
 
-def wanted(truth: Truth, other: bool) -> tuple[int, bool]:
-    """Return panel and face that an operator wants: the recording's own, or the other (a towel's back)."""
-    own = truth.panel_of_interest
-    if other:
-        return (own, False) if truth.garment == "towel" else (3 - own, True)
-    return own, True
-
-
 def stroke_where_asked(
     solver: SideSolver, decisions: Sequence[Decision], truth: dict[int, Seen]
 ) -> ImageStroke | None:
@@ -217,11 +209,11 @@ def after_one_stroke(recording: Any, truth: Any) -> Remembered:
     """Return the recording with the masks that are found without its own, and by one stroke."""
     solver = side_solver(recording)
     found = solver.solve(())
-    stroke = stroke_at_largest_error(found, seen_truth(solver.observed, truth, *wanted(truth, other=False)))
+    stroke = stroke_at_largest_error(found, seen_truth(solver.observed, truth, truth.panel_of_interest, True))
     return Remembered(masked(recording, found if stroke is None else solver.solve([stroke])))
 
 
-def measured(source: str, strokes: int = STROKES, other: bool = False) -> tuple[Row, list[Said]]:
+def measured(source: str, strokes: int = STROKES) -> tuple[Row, list[Said]]:
     """Measure one recording; return also what is said, unaided and after each stroke that is asked for."""
     recording, truth = Remembered(open_recording(source)), Truth(source)
     for n in range(len(recording)):  # read before the time is taken
@@ -231,7 +223,7 @@ def measured(source: str, strokes: int = STROKES, other: bool = False) -> tuple[
     found, observed = solver.solve(()), solver.observed
     prepare = time.perf_counter() - began, time.process_time() - cpu
     first = seen_truth(observed, truth, *side_shown_first(found, truth))
-    true = seen_truth(observed, truth, *wanted(truth, other))
+    true = seen_truth(observed, truth, truth.panel_of_interest, True)
     unaided = scored(found, first)
     scores, decisions, seconds = [scored(found, true)], list[Decision](), list[float]()
     for _ in range(strokes):
@@ -271,10 +263,10 @@ def _table(score: Score) -> dict[str, float]:
 
 
 def run(options: Options) -> None:
-    """Measure, print and write ``results/segmentation.json`` (``segmentation_other.json``)."""
+    """Measure, print and write ``results/segmentation.json``."""
     table, rows = [], list[list[Said]]()
     for source in sources(options.recordings):
-        row, own = measured(source, 2 if options.quick else STROKES, options.other)
+        row, own = measured(source, 2 if options.quick else STROKES)
         table.append(row)
         rows.append(own)
         say("   ".join(f"{key} {value}" for key, value in row.items()))
@@ -287,4 +279,4 @@ def run(options: Options) -> None:
         say(f"  says {bins['said']:.2f}: right {bins['right']:.2f} ({bins['share']:.0%} of the area)")
     say(f"  of the wrong cloth is doubted, unaided and after each stroke: {found['wrong_doubted']}")
     if not options.quick:
-        save("segmentation_other" if options.other else "segmentation", found, recordings_of(table))
+        save("segmentation", found, recordings_of(table))

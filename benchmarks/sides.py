@@ -22,8 +22,7 @@ from benchmarks.unattended import both_sides, unattended
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.evaluation import CELL_M, OtherTruth, Truth, compare, compare_sides, of_interest
 from flatcloth.engine.garment import GarmentService
-from flatcloth.export.data import GraspFrames
-from flatcloth.export.session import SessionData
+from flatcloth.export.data import GraspFrames, SessionData
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording

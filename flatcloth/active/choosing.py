@@ -30,7 +30,7 @@ from flatcloth.garments.fit import APART_M, OUTLINE_STD_M
 from flatcloth.methods.answers import Candidate, Plan
 from flatcloth.methods.base import Method
 from flatcloth.methods.starting import overlap_area_m2
-from flatcloth.recordings.film.angles import apart_deg
+from flatcloth.recordings.base import apart_deg
 from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Document
 from flatcloth.session.journal import Pick

@@ -15,7 +15,7 @@ from flatcloth.core.strokes import ImageStroke
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
 from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.surface import crop_to_item, foreground_mask
-from flatcloth.recordings.film.angles import apart_deg
+from flatcloth.recordings.base import apart_deg
 from flatcloth.recordings.writer import GrowingRecording
 from flatcloth.session.machine import Keeper, paint
 

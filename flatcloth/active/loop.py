@@ -37,9 +37,9 @@ from flatcloth.core.types import finite
 from flatcloth.engine.garment import GarmentService, KnownGarment, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.export.session import SessionData, frames_of
+from flatcloth.export.data import SessionData, frames_of
 from flatcloth.methods.registry import method_name
-from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
+from flatcloth.recordings.base import SAME_VIEW_DEG, apart_deg
 from flatcloth.recordings.folder import HEADER as MANIFEST
 from flatcloth.recordings.folder import open_folder
 from flatcloth.recordings.writer import DEPTH_SCALE_M, GrowingRecording, RecordingWriter, depth_units

@@ -20,8 +20,7 @@ from flatcloth.engine.headless import Run, ViewDecision
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import prepare, take_strokes
 from flatcloth.engine.sheet import sheet_of
-from flatcloth.export.session import SessionData, frames_of
-from flatcloth.export.session import open_session as open_session_folder
+from flatcloth.export.data import SessionData, frames_of
 from flatcloth.flattening.flatten import Flattening
 from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.registry import method_name
@@ -208,8 +207,10 @@ def open_session(
     RecordingError
         If the recording is missing.
     """
+    from flatcloth.export.session import open_session as opened
+
     place = None if recording is None else Path(recording)
-    return Shape(open_session_folder(Path(folder), place, progress or no_progress).data)
+    return Shape(opened(Path(folder), place, progress or no_progress).data)
 
 
 def _data(service: GarmentService, keeper: MemorySession | SessionFolder) -> SessionData:

@@ -16,7 +16,7 @@ from flatcloth.export.garment import upright_rad
 from flatcloth.rendering.drawing import data_url
 
 if TYPE_CHECKING:
-    from flatcloth.export.session import SessionData
+    from flatcloth.export.data import SessionData
     from flatcloth.grasping.grasps import GraspPose
     from flatcloth.session.journal import Pick
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from flatcloth.core.errors import FlatclothError, GarmentError
@@ -18,15 +17,12 @@ from flatcloth.engine.headless import ViewDecision
 from flatcloth.engine.joints import Alternative, Joint, alternatives, joints_of, with_places
 from flatcloth.engine.outcome import lines_of as outcome_lines
 from flatcloth.engine.outcome import other_side_lines
-from flatcloth.export.data import this_from_other
+from flatcloth.export.data import SessionData, this_from_other
 from flatcloth.export.garment import lines_of as garment_lines
 from flatcloth.export.garment import named_points
-from flatcloth.export.session import SessionData
 from flatcloth.garments.recognition import Recognition
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel
 from flatcloth.grasping.grips import check_opening_m
-from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
-from flatcloth.grasping.hand_eye import HandEyeError, rigid_from_matrix
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.session.journal import Pick
 
@@ -251,12 +247,9 @@ class Shape:
         """
         data, given = self.data, base_from_camera
         if given is not None and not isinstance(given, Rigid3):
-            matrix = np.asarray(given)
-            if matrix.shape != (4, 4) or matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
-                raise HandEyeError(
-                    f"{BASE_FROM_CAMERA}: is not made of 4 rows of 4 finite numbers. Give a matrix."
-                )
-            given = rigid_from_matrix(matrix.astype(np.float64), BASE_FROM_CAMERA)
+            from flatcloth.grasping.hand_eye import rigid_from_matrix
+
+            given = rigid_from_matrix(given, "the matrix")
         if given is not None:
             data = replace(data, frames=replace(data.frames, base_from_camera=given))
         return data.write(Path(folder), _WRITERS)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from flatcloth.core.errors import IllegalDecisionError
-from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
+from flatcloth.recordings.base import SAME_VIEW_DEG, apart_deg
 from flatcloth.recordings.film.stillness import STILL_PX_S
 
 FRAMES = 10

@@ -39,7 +39,6 @@ from flatcloth.core.errors import RecordingError, SurfaceError
 from flatcloth.core.types import Float64, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.writer import GrowingRecording
 from flatcloth.registration.axis import THREADS
 from flatcloth.registration.axis_estimation import UP, choose_views
 from flatcloth.registration.view_features import ViewFeatures
@@ -135,7 +134,7 @@ def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
     findings = mask_findings(looks) if recording.has_masks else []
     background = background_findings(looks)
     findings += background
-    if not isinstance(recording, GrowingRecording):  # its angles are being chosen by what they show
+    if not getattr(recording, "is_growing", False):  # its angles are being chosen by what they show
         findings += coverage_findings([recording.angles_deg[look.view_index] for look in looks])
     findings += exposure_findings(looks)
     captured = sorted(seen, key=lambda one: one.look.view_index)

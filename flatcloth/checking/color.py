@@ -18,7 +18,7 @@ import numpy as np
 
 from flatcloth.checking.findings import Finding
 from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, Uint8
-from flatcloth.recordings.mending import Mends
+from flatcloth.recordings.options import Mends
 
 _ROWS = 160
 """Images are reduced to so many rows. Measured: with 96, an outline moves too little in two of the 34."""

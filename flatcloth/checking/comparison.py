@@ -28,7 +28,7 @@ from flatcloth.checking.turns import (
 )
 from flatcloth.core.geometry import object_from_camera, wrapped_deg
 from flatcloth.core.types import Float64, RotationAxis
-from flatcloth.recordings.mending import Mends
+from flatcloth.recordings.options import Mends
 from flatcloth.registration.pose_prior import PosePrior, at_center, jacobians_of, pair_covariance
 from flatcloth.registration.view_features import ViewFeatures
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings.mending import Mends
+from flatcloth.recordings.options import Mends
 
 CERTAIN = 0.99
 """A finding of at least this probability stops an unattended run. Chosen: one in a hundred of those is wrong

@@ -11,7 +11,7 @@ import numpy as np
 from flatcloth.checking.findings import Finding
 from flatcloth.checking.units import DEPTHS, allowed
 from flatcloth.core.types import Bool, Float32, RgbdFrame, RotationAxis
-from flatcloth.recordings.mending import Mends
+from flatcloth.recordings.options import Mends
 
 EXTENT_M = 0.35
 """The item lies within this of its usual depth: half the width of a large garment, hanging. Chosen."""

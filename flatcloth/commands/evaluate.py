@@ -17,7 +17,7 @@ from flatcloth.recordings.options import option
 if TYPE_CHECKING:
     from flatcloth.api.shape import Shape
     from flatcloth.core.types import Progress
-    from flatcloth.export.session import SessionData
+    from flatcloth.export.data import SessionData
     from flatcloth.recordings import Recording
     from flatcloth.recordings.truth import Truth
 

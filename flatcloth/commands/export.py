@@ -15,7 +15,8 @@ from flatcloth.core.plain_files import check_replacing
 from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
-    from flatcloth.export.session import OpenedSession, SessionData
+    from flatcloth.export.data import SessionData
+    from flatcloth.export.session import OpenedSession
 
 SUMMARY = "export a session as data, offline page, report, figures, animation, grasp poses or outline"
 EXAMPLES = """examples:

@@ -15,7 +15,6 @@ import math
 import os
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -171,7 +170,7 @@ def kept_mends(options: SourceOptions, session: Path) -> SourceOptions:
     return dataclasses.replace(options, mends=kept.mends)
 
 
-@contextmanager
+@contextlib.contextmanager
 def loading() -> Iterator[None]:
     """Switch the garbage collector off while modules load, and let it skip them later: 0.1 s less."""
     gc.disable()

@@ -11,12 +11,11 @@ import numpy as np
 
 from flatcloth.checking import result
 from flatcloth.checking.check import known_check
-from flatcloth.checking.lens import FOCAL_STD
+from flatcloth.checking.hypotheses import FOCAL_STD
 from flatcloth.core.types import FlattenedView, Float64
 from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.writer import GrowingRecording
 from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document
 from flatcloth.session.garment import without_doubts
@@ -68,7 +67,7 @@ class Trust:
             return 0.0
         if _is_none(found):
             return found.probability
-        is_all = document.finished is not None and not isinstance(self._recording, GrowingRecording)
+        is_all = document.finished is not None and not getattr(self._recording, "is_growing", False)
         of_none = found.of_shape.get(NONE, 0.0)
         return of_none if is_all and of_none > 1.0 - _KNOWN else 0.0
 

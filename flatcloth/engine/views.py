@@ -36,9 +36,7 @@ from flatcloth.flattening.surface import (
     observe_item,
     observed_area_m2,
 )
-from flatcloth.recordings.base import Recording
-from flatcloth.recordings.film.angles import MAX_VIEWS
-from flatcloth.recordings.writer import GrowingRecording
+from flatcloth.recordings.base import MAX_VIEWS, Recording
 from flatcloth.registration.axis import resolve_axis
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
@@ -158,7 +156,7 @@ class RecordedViews:
             notes.append(
                 "This recording has no masks: both sides of the cloth, and its holder, may be in the shape."
             )
-        if len(self.recording) == 1 and not isinstance(self.recording, GrowingRecording):
+        if len(self.recording) == 1 and not getattr(self.recording, "is_growing", False):
             notes.append(
                 "This recording has one view: it is flattened and can be picked, but no view can be added."
             )

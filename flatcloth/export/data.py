@@ -1,18 +1,17 @@
-"""The data files of a session: arrays, picture, cloud, grasp points."""
+"""The data files of a session: arrays, picture, cloud, grasp points, garment, outcome."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import json
-import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -20,12 +19,28 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import open_plain, replace_file
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Floats, RotationAxis, Uint8
-from flatcloth.engine.sheet import OTHER_FILE, floating_file, other_floating_file
-from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel, quaternion_wxyz
-from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, RotationAxis, Uint8
+from flatcloth.engine.garment import GarmentService, KnownGarment
+from flatcloth.engine.outcome import FILE as OUTCOME
+from flatcloth.engine.outcome import outcome_of, outcome_text, sides_entry
+from flatcloth.engine.sheet import OTHER_FILE, floating_file, other_floating_file, with_placed_pieces
+from flatcloth.export.garment import garment_document, named_points, number, numbers, outcome_entry
+from flatcloth.garments.deciding import decided_pieces
+from flatcloth.grasping.grasps import (
+    BASE_FROM_CAMERA,
+    GraspPose,
+    Grip,
+    grasp_pose,
+    nearest_pixel,
+    quaternion_wxyz,
+)
+from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings.files.text import shortened
+from flatcloth.session.document import Document
 from flatcloth.session.journal import Pick, SheetSide
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
 
 GARMENT, GRASPS = "garment.json", "grasps.json"
 FORMAT = "flatcloth-flattened/1"
@@ -243,7 +258,7 @@ def grasps_document(
         "format": GRASPS_FORMAT,
         "frame": "held",
         "units": "m",
-        "rotation_deg": _number(frames.rotation_deg),
+        "rotation_deg": number(frames.rotation_deg),
         "rotation_axis": {"point_m": numbers(axis.point_m), "direction": numbers(axis.direction)},
         BASE_FROM_CAMERA: None if base is None else _matrix(base),
         "grasps": [_grasp(of_side[pick.side], pick, frames) for pick in picks],
@@ -269,14 +284,14 @@ def _grasp(files: Sequence[tuple[str, FlattenedView]], pick: Pick, frames: Grasp
     found = nearest_pixel(views, position)
     view, pixel = views[0], None
     if found is not None:
-        number, (row, col), distance_m = found
-        view, pixel = views[number], ((row, col), distance_m)
+        place, (row, col), distance_m = found
+        view, pixel = views[place], ((row, col), distance_m)
         grasp["flattened"] = {
-            "file": files[number][0],
+            "file": files[place][0],
             "row": row,
             "col": col,
             "uv_m": numbers(view.uv_from_rc(np.array([row, col]))),
-            "distance_m": _number(distance_m),
+            "distance_m": number(distance_m),
         }
     pose = grasp_pose(view, position, normal, frames.axis, frames.grips.get(pick.id), pixel)
     return {**grasp, **({"grip": None, "poses": None} if pose is None else _posed(pose, frames))}
@@ -294,19 +309,19 @@ def _posed(pose: GraspPose, frames: GraspFrames) -> dict[str, Any]:
             "approach": numbers(turn[:, 2]),
             "axis": numbers(turn[:, 0]),
             "axis_from": pose.axis_from,
-            "opening_m": _number(pose.opening_m),
-            "outline_distance_m": None if outline_m is None else _number(outline_m),
+            "opening_m": number(pose.opening_m),
+            "outline_distance_m": number(outline_m),
         },
         "uncertainty": {
-            "position_m": _number(about.position_m),
-            "normal_deg": _number(about.normal_deg, 2),
-            "axis_deg": _number(about.axis_deg, 2),
-            "placement_m": _number(about.placement_m),
+            "position_m": number(about.position_m),
+            "normal_deg": number(about.normal_deg, 2),
+            "axis_deg": number(about.axis_deg, 2),
+            "placement_m": number(about.placement_m),
         },
         "poses": {
             name: {
                 "position_m": numbers(motion.translation_m),
-                "quaternion_wxyz": [_number(x, 9) for x in quaternion_wxyz(motion.rotation)],
+                "quaternion_wxyz": [number(x, 9) for x in quaternion_wxyz(motion.rotation)],
                 "matrix": _matrix(motion),
             }
             for name, motion in poses.items()
@@ -317,16 +332,122 @@ def _posed(pose: GraspPose, frames: GraspFrames) -> dict[str, Any]:
 def _matrix(motion: Rigid3) -> list[list[float | None]]:
     """Return the four rows of a rigid motion's matrix."""
     rows = [
-        [*numbers(turn, 9), _number(float(shift))]
+        [*numbers(turn, 9), number(float(shift))]
         for turn, shift in zip(motion.rotation, motion.translation_m, strict=True)
     ]
     return [*rows, [0.0, 0.0, 0.0, 1.0]]
 
 
-def numbers(values: Floats, digits: int = 6) -> list[float | None]:
-    """Return rounded numbers for JSON, without negative zeros; None for those that are not finite."""
-    return [_number(float(x), digits) for x in values]
+# --- all files of a session -----------------------------------------------------------------------
 
 
-def _number(value: float, digits: int = 6) -> float | None:
-    return round(value, digits) + 0.0 if math.isfinite(value) else None
+@dataclass(frozen=True)
+class SessionData:
+    """What a session leaves behind as data; each part is computed on first use.
+
+    ``garments`` recognises the garment, a new service by default. ``both`` joins the other side to a
+    document's shape, if that belongs to it.
+    ``is_growing``: views are still being added, and no garment is recognised for the deviations of the shape.
+    """
+
+    integration: Integration
+    document: Document
+    picks: tuple[Pick, ...]
+    frames: GraspFrames
+    garments: GarmentService | None = None
+    both: Callable[[Document], JoinedSides | str] | None = None
+    is_growing: bool = False
+
+    @cached_property
+    def canonical(self) -> Canonical:
+        """The shape, with the pieces that have a place on it, and its floating pieces.
+
+        Raises
+        ------
+        FlatclothError
+            If nothing is flattened yet.
+        """
+        if not self.is_growing:
+            _ = self.garment  # recognised first: the deviations of the shape depend on it
+        canonical = self.integration.canonical(self.document)
+        pieces = decided_pieces(self.document.garment, canonical.view, canonical.floating)
+        laid = self.sides.laid if isinstance(self.sides, JoinedSides) else ()
+        return with_placed_pieces(canonical, pieces.with_laid(laid))
+
+    @cached_property
+    def sides(self) -> JoinedSides | str | None:
+        """The other side, joined to the shape, or why there is none; None if it was not asked for."""
+        if self.both is not None and not self.is_growing:
+            _ = self.garment  # recognised first: their deviations depend on it
+        return None if self.both is None else self.both(self.document)
+
+    @cached_property
+    def garment(self) -> KnownGarment | str:
+        """What is known of the garment, or why nothing is."""
+        if self.both is not None:
+            self.both(self.document)  # the garment is recognised by both sides once they are joined
+        return (self.garments or GarmentService(self.integration)).known(self.document)
+
+    @cached_property
+    def outcome(self) -> dict[str, Any]:
+        """The content of ``outcome.json``."""
+        outcome = outcome_of(self.integration, self.document, self.canonical.view)
+        outcome["garment"] = outcome_entry(self.garment)
+        if self.sides is not None:
+            outcome["other_side"] = sides_entry(self.sides)
+            if outcome["wrong"] and "firm_share" in outcome["other_side"]:
+                outcome["other_side"]["firm_share"] = 0.0
+        return outcome
+
+    def files(self) -> Files:
+        """Return all files, each with the function that makes it; the report comes last."""
+        shape, sides, garment = self.canonical, self.sides, self.garment
+        files = side_files("this", shape.view, shape.floating)
+        other: tuple[FlattenedView, ...] = ()
+        if isinstance(sides, JoinedSides):
+            view, floating = sides.other.view, sides.other.floating
+            other = (view, *floating)
+            files |= side_files("other", view, floating, shape.view if sides.is_related else None)
+
+        def grasps() -> bytes:
+            named = named_points(garment, sides)
+            told = grasps_document(shape.view, self.picks, self.frames, named, shape.floating, other)
+            return json_bytes(told)
+
+        files[GRASPS] = grasps
+        if not isinstance(garment, str):
+            files[GARMENT] = lambda: json_bytes(garment_document(garment, sides))
+        files[OUTCOME] = lambda: outcome_text(self.outcome).encode()
+        return files
+
+    def write(self, folder: Path, threads: int = 1) -> list[Path]:
+        """Write all files to a folder, and remove files of an earlier, larger export.
+
+        ``threads`` are the files that are written at the same time; the bytes do not depend on it.
+
+        Raises
+        ------
+        FlatclothError
+            If the folder cannot be written; the message names it.
+        """
+        files = self.files()
+        written = write_files(files, folder, threads)
+        remove_stale(files, folder)
+        return written
+
+
+def frames_of(
+    integration: Integration,
+    document: Document,
+    grips: Mapping[int, Grip],
+    base_from_camera: Rigid3 | None = None,
+    rotation_deg: float | None = None,
+) -> GraspFrames:
+    """Return the frames of grasp poses; by default at the rotation of the last viewed view."""
+    standing = integration.recording.angles_deg[document.present_view or 0]
+    return GraspFrames(
+        axis=integration.axis,
+        rotation_deg=standing if rotation_deg is None else rotation_deg,
+        grips=grips,
+        base_from_camera=base_from_camera,
+    )

@@ -7,15 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.core.types import FlattenedView, Rigid2, finite
+from flatcloth.core.types import FlattenedView, Floats, Rigid2, finite
 from flatcloth.engine.garment import KnownGarment, points_on_other_side
 from flatcloth.engine.sheet import floating_file
-from flatcloth.export.data import numbers
 from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.session.journal import Pick, SheetSide
 
 FORMAT = "flatcloth-garment/1"
+
+
+def numbers(values: Floats, digits: int = 6) -> list[float | None]:
+    """Return rounded numbers for JSON; None for those that are not finite."""
+    return [number(float(x), digits) for x in values]
+
+
+def number(value: float | None, digits: int = 6) -> float | None:
+    """Return a rounded number for JSON, without a negative zero; None if it is not finite."""
+    return None if value is None or not math.isfinite(value) else round(value, digits) + 0.0
 
 
 def named_points(known: KnownGarment | str, sides: JoinedSides | str | None = None) -> list[Pick]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
 
 import numpy as np
 
@@ -36,6 +35,7 @@ from flatcloth.grasping.grasps import GraspPose
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering.drawing import data_url
 from flatcloth.rendering.layers import LAYERS, png
+from flatcloth.session.header import differences
 
 
 def report(session: OpenedSession) -> str:
@@ -64,17 +64,6 @@ def page_of(title: str, body: Iterable[str]) -> str:
 <body><main>
 {"".join(f"{printed(part)}{chr(10)}" for part in body)}</main></body></html>
 """
-
-
-def differences(config: Config) -> list[tuple[str, Any, Any]]:
-    """Return the settings that differ from the defaults: name, value, default."""
-    values, defaults = config.to_dict(), Config().to_dict()
-    return [
-        (f"{section}.{name}", value, defaults[section][name])
-        for section, settings in values.items()
-        for name, value in settings.items()
-        if value != defaults[section][name]
-    ]
 
 
 def _head(session: OpenedSession) -> Iterable[str]:
@@ -126,7 +115,7 @@ def _floating(sheet: Sheet) -> Iterable[tuple[str, str]]:
 
 def _settings(config: Config) -> Iterable[str]:
     yield "<h2>Settings</h2>"
-    changed = [(name, f"{here}", f"{there}") for name, here, there in differences(config)]
+    changed = [(name, f"{here}", f"{there}") for name, here, there in differences(config, Config())]
     yield f"<p>All settings have their default values{' except these:' if changed else '.'}</p>"
     if changed:
         yield table_html(("setting", "here", "default"), changed)

@@ -2,38 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
-from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
-from flatcloth.engine.garment import GarmentService, KnownGarment
-from flatcloth.engine.outcome import FILE as OUTCOME
-from flatcloth.engine.outcome import has_other_side, outcome_of, outcome_text, sides_entry
-from flatcloth.engine.sheet import Sheet, lay_out, sheet_of, with_placed_pieces
-from flatcloth.export.data import (
-    GARMENT,
-    GRASPS,
-    Files,
-    GraspFrames,
-    grasps_document,
-    json_bytes,
-    remove_stale,
-    side_files,
-    write_files,
-)
-from flatcloth.export.garment import garment_document, named_points, outcome_entry
+from flatcloth.engine.outcome import has_other_side
+from flatcloth.engine.sheet import Sheet, lay_out, sheet_of
+from flatcloth.export.data import SessionData, frames_of
 from flatcloth.export.growth import Growth, Kept, colors_of, grow, key_of
 from flatcloth.export.history import SessionHistory, read_history
-from flatcloth.garments.deciding import decided_pieces
-from flatcloth.grasping.grasps import LOST_AT_M, GraspPose, Grip, grasp_pose, pixel_of_point
-from flatcloth.methods.answers import Canonical, ColumnCurves, JoinedSides
+from flatcloth.grasping.grasps import LOST_AT_M, GraspPose, grasp_pose, pixel_of_point
+from flatcloth.methods.answers import ColumnCurves, JoinedSides
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.session.document import Document
@@ -43,101 +27,6 @@ from flatcloth.session.kept import read_axis
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-
-
-@dataclass(frozen=True)
-class SessionData:
-    """What a session leaves behind as data; each part is computed on first use.
-
-    ``garments`` recognises the garment, a
-    new service by default. ``both`` joins the other side to a document's shape, if that belongs to it.
-    ``is_growing``: views are still being added, and no garment is recognised for the deviations of the shape.
-    """
-
-    integration: Integration
-    document: Document
-    picks: tuple[Pick, ...]
-    frames: GraspFrames
-    garments: GarmentService | None = None
-    both: Callable[[Document], JoinedSides | str] | None = None
-    is_growing: bool = False
-
-    @cached_property
-    def canonical(self) -> Canonical:
-        """The shape, with the pieces that have a place on it, and its floating pieces.
-
-        Raises
-        ------
-        FlatclothError
-            If nothing is flattened yet.
-        """
-        if not self.is_growing:
-            _ = self.garment  # recognised first: the deviations of the shape depend on it
-        canonical = self.integration.canonical(self.document)
-        pieces = decided_pieces(self.document.garment, canonical.view, canonical.floating)
-        laid = self.sides.laid if isinstance(self.sides, JoinedSides) else ()
-        return with_placed_pieces(canonical, pieces.with_laid(laid))
-
-    @cached_property
-    def sides(self) -> JoinedSides | str | None:
-        """The other side, joined to the shape, or why there is none; None if it was not asked for."""
-        if self.both is not None and not self.is_growing:
-            _ = self.garment  # recognised first: their deviations depend on it
-        return None if self.both is None else self.both(self.document)
-
-    @cached_property
-    def garment(self) -> KnownGarment | str:
-        """What is known of the garment, or why nothing is."""
-        if self.both is not None:
-            self.both(self.document)  # the garment is recognised by both sides once they are joined
-        return (self.garments or GarmentService(self.integration)).known(self.document)
-
-    @cached_property
-    def outcome(self) -> dict[str, Any]:
-        """The content of ``outcome.json``."""
-        outcome = outcome_of(self.integration, self.document, self.canonical.view)
-        outcome["garment"] = outcome_entry(self.garment)
-        if self.sides is not None:
-            outcome["other_side"] = sides_entry(self.sides)
-            if outcome["wrong"] and "firm_share" in outcome["other_side"]:
-                outcome["other_side"]["firm_share"] = 0.0
-        return outcome
-
-    def files(self) -> Files:
-        """Return all files, each with the function that makes it; the report comes last."""
-        shape, sides, garment = self.canonical, self.sides, self.garment
-        files = side_files("this", shape.view, shape.floating)
-        other: tuple[FlattenedView, ...] = ()
-        if isinstance(sides, JoinedSides):
-            view, floating = sides.other.view, sides.other.floating
-            other = (view, *floating)
-            files |= side_files("other", view, floating, shape.view if sides.is_related else None)
-
-        def grasps() -> bytes:
-            named = named_points(garment, sides)
-            told = grasps_document(shape.view, self.picks, self.frames, named, shape.floating, other)
-            return json_bytes(told)
-
-        files[GRASPS] = grasps
-        if not isinstance(garment, str):
-            files[GARMENT] = lambda: json_bytes(garment_document(garment, sides))
-        files[OUTCOME] = lambda: outcome_text(self.outcome).encode()
-        return files
-
-    def write(self, folder: Path, threads: int = 1) -> list[Path]:
-        """Write all files to a folder, and remove files of an earlier, larger export.
-
-        ``threads`` are the files that are written at the same time; the bytes do not depend on it.
-
-        Raises
-        ------
-        FlatclothError
-            If the folder cannot be written; the message names it.
-        """
-        files = self.files()
-        written = write_files(files, folder, threads)
-        remove_stale(files, folder)
-        return written
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,23 +132,6 @@ class OpenedSession:
             garments,
             (lambda document: garments.joined(document, self.progress)) if self.has_both else None,
         )
-
-
-def frames_of(
-    integration: Integration,
-    document: Document,
-    grips: Mapping[int, Grip],
-    base_from_camera: Rigid3 | None = None,
-    rotation_deg: float | None = None,
-) -> GraspFrames:
-    """Return the frames of grasp poses; by default at the rotation of the last viewed view."""
-    standing = integration.recording.angles_deg[document.present_view or 0]
-    return GraspFrames(
-        axis=integration.axis,
-        rotation_deg=standing if rotation_deg is None else rotation_deg,
-        grips=grips,
-        base_from_camera=base_from_camera,
-    )
 
 
 def open_session(

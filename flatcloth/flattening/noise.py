@@ -23,7 +23,7 @@ from flatcloth.flattening.ramps import find_ramps
 _DESIGNED = 1.5
 """Noise, in widths of a pixel, up to which depth is used as measured: of 127 views with the simulated D435's
 98 % have less (median 1.0), of 63 that are matched by windows 97 % have more (median 2.1). Measured as
-``python -m benchmarks noise`` does."""
+docs/tried.md says (``noise``)."""
 
 
 def noise_in_pixels(inverse_depth: Float64, intrinsics: Intrinsics) -> float:

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flatcloth.core.decoding import Finite, MisfitError, fitted, parse_json
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import read_plain
-from flatcloth.core.types import Float64
+from flatcloth.grasping.grasps import BASE_FROM_CAMERA as KEY
 
 FORMAT = "flatcloth-hand-eye/1"
-KEY = "base_from_camera"
 
 _TOLERANCE = 1e-3
 """Rotations written with few digits are corrected within this tolerance; others are refused. Set by hand."""
@@ -67,10 +67,10 @@ def hand_eye_from(data: bytes, path: Path) -> Rigid3:
         raise HandEyeError(
             f"{path}: {KEY} is not 4 rows of 4 finite numbers ({error}). {_wanted()}"
         ) from error
-    return rigid_from_matrix(np.array(rows, dtype=np.float64), path)
+    return rigid_from_matrix(rows, path)
 
 
-def rigid_from_matrix(matrix: Float64, path: Path | str) -> Rigid3:
+def rigid_from_matrix(given: ArrayLike, path: Path | str) -> Rigid3:
     """Return the rigid motion of a (4, 4) matrix; ``path`` is named in errors.
 
     Raises
@@ -78,7 +78,10 @@ def rigid_from_matrix(matrix: Float64, path: Path | str) -> Rigid3:
     HandEyeError
         If it is not a rigid motion, or its translation is not in metres.
     """
-    turn, shift = matrix[:3, :3], matrix[:3, 3]
+    matrix = np.asarray(given)
+    if matrix.shape != (4, 4) or matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
+        raise HandEyeError(f"{path}: {KEY} is not made of 4 rows of 4 finite numbers. Give a matrix.")
+    turn, shift = matrix[:3, :3].astype(np.float64), matrix[:3, 3].astype(np.float64)
     if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
         raise HandEyeError(
             f"{path}: the last row of {KEY} is not 0 0 0 1. Write the matrix row by row, translation last."

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RotationAxis, Uint8
-from flatcloth.recordings.base import Recording, ViewImages
+from flatcloth.recordings.base import MAX_VIEWS, Recording, ViewImages, check_distinct
 from flatcloth.recordings.files.camera import checked_direction, checked_intrinsics
-from flatcloth.recordings.files.depth_files import FARTHEST_M
+from flatcloth.recordings.files.images import FARTHEST_M
 from flatcloth.recordings.files.text import failing
-from flatcloth.recordings.film.angles import MAX_VIEWS, check_distinct
 
 
 def recording_from_arrays(

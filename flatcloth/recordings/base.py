@@ -5,13 +5,22 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
+from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
 from flatcloth.recordings.options import SourceOptions
+
+SAME_VIEW_DEG = 0.5
+"""Views nearer than this show the same; the later one is left out. Chosen: less shows little new."""
+TOLERANCE_DEG = 0.01
+"""Angles nearer than this are the same. Chosen: below the rounding of a table."""
+MAX_VIEWS = 10_000
+"""Limit of a recording's views. Chosen: it bounds memory."""
 
 
 class ViewImages(NamedTuple):
@@ -65,6 +74,8 @@ class Recording:
     held_point_m: Float64 | None = None
     has_masks: bool = False
     mends: Any = None
+    is_growing: ClassVar[bool] = False
+    """Whether views are still added to it."""
 
     def __len__(self) -> int:
         """Return the number of views."""
@@ -126,11 +137,31 @@ def check_index(recording: Sized, view_index: int) -> None:
         raise IndexError(f"view {view_index} of {len(recording)}")
 
 
-def fingerprint(recording: Recording) -> str:
+def apart_deg(a_deg: float, b_deg: float) -> float:
+    """Return the difference of two angles, modulo a full turn: 0 to 180."""
+    return abs(math.remainder(a_deg - b_deg, 360.0))
+
+
+def check_distinct(angles_deg: Sequence[float], where: str, names: Sequence[str]) -> None:
+    """Raise ``RecordingError`` if two views, which have ``names``, have the same angle, or are too many."""
+    if len(angles_deg) > MAX_VIEWS:
+        raise RecordingError(f"{where} {len(angles_deg)} views. The limit is {MAX_VIEWS}: leave some out.")
+    order = sorted(range(len(angles_deg)), key=lambda n: angles_deg[n] % 360)
+    for pair in zip(order, order[1:] + order[:1], strict=True):
+        first, second = sorted(pair)
+        if first != second and apart_deg(angles_deg[first], angles_deg[second]) < TOLERANCE_DEG:
+            same = f"has the angle of {names[first]} ({abs(angles_deg[first]):g} degrees)"
+            raise RecordingError(
+                f"{where} {names[second]} {same}. "
+                "Every view needs its own angle, also modulo 360: correct or remove one."
+            )
+
+
+def fingerprint(recording: Recording, n_views: int | None = None) -> str:
     """Return 16 hexadecimal digits that identify a recording, also after it was moved.
 
     They depend on name, camera, axis, held point, angles, the presence of masks, and mends, not on the
-    location and the pixels.
+    location and the pixels. ``n_views`` gives those of a growing one when it had so many views.
     """
     camera, axis, held = recording.intrinsics, recording.rotation_axis, recording.held_point_m
     content = [
@@ -138,7 +169,7 @@ def fingerprint(recording: Recording) -> str:
         [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy],
         None if axis is None else [axis.point_m.tolist(), axis.direction.tolist()],
         None if held is None else held.tolist(),
-        list(recording.angles_deg),
+        list(recording.angles_deg[:n_views]),
         recording.has_masks,
     ]
     if mends := getattr(recording, "mends", None):

@@ -16,13 +16,11 @@ import numpy as np
 from flatcloth.core.decoding import Finite, MisfitError, Vector3, fitted, unread
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Bool, Intrinsics, RotationAxis
-from flatcloth.recordings.base import Format, Recording, ViewImages
-from flatcloth.recordings.files import depth_files, images
+from flatcloth.recordings.base import Format, Recording, ViewImages, check_distinct
+from flatcloth.recordings.files import images
 from flatcloth.recordings.files.camera import Lens, checked_direction, checked_intrinsics, checked_lens
-from flatcloth.recordings.files.depth_files import read_pcd
 from flatcloth.recordings.files.text import Fail, failing, inside, load_table, one_line, unused
 from flatcloth.recordings.files.text import shortened as _short
-from flatcloth.recordings.film.angles import check_distinct
 
 HEADER, HEADER_FORMAT = "recording.json", "flatcloth-recording/1"
 OTHER_SIDE = 128
@@ -82,12 +80,14 @@ class ImageRecording(Recording):
     def _read(self, number: int) -> ViewImages:
         view, undistort = self.files[number], self.lens.undistort
         header = self._checked(view)  # the file may have changed
-        if view.is_cloud:
+        cloud = None
+        if view.is_cloud or header.kind == "pcd":
+            from flatcloth.recordings.files.depth_files import read_pcd
+
             cloud = read_pcd(view.depth)
-            color, depth_m = cloud.rgb, cloud.depth_m
-        else:
-            color = images.decode_color(view.color)
-            depth_m = depth_files.decode_depth_m(view.depth, header, self.depth_scale_m)
+        color = cloud.rgb if cloud and view.is_cloud else images.decode_color(view.color)
+        values = cloud.depth_m if cloud else images.decode_depth(view.depth, header)
+        depth_m = images.checked_metres(view.depth, values, self.depth_scale_m)
         depth_m = undistort(depth_m, blend=False)
         if color is None or not depth_m.any():
             what = "color" if color is None else "depth, every pixel is 0"
@@ -116,7 +116,9 @@ class ImageRecording(Recording):
             images.read_checked(view.mask, "mask", self.intrinsics)
         if not self.any_depth:
             return images.read_checked(view.depth, "depth", self.intrinsics)
-        header = depth_files.read_depth_header(view.depth)
+        from flatcloth.recordings.files.depth_files import read_depth_header
+
+        header = read_depth_header(view.depth)
         images.check_size(view.depth, header, self.intrinsics)
         return header
 

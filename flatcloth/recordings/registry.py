@@ -25,7 +25,6 @@ from flatcloth.core.plain_files import is_text
 from flatcloth.core.resources import sample_recordings
 from flatcloth.recordings.base import Format, Recording, keep_source_options
 from flatcloth.recordings.folder import HEADER
-from flatcloth.recordings.mending import mended
 from flatcloth.recordings.options import SourceOptions
 
 ENTRY_POINTS = "flatcloth.recordings"
@@ -146,7 +145,10 @@ def open_recording(
                 f"{path}: the format {form.name} failed ({type(error).__name__}: {error}). "
                 "Report this to the author of that format."
             ) from error
-        recording = recording if options.mends is None else mended(recording, options.mends)
+        if options.mends is not None:
+            from flatcloth.recordings.mending import mended
+
+            recording = mended(recording, options.mends)
         keep_source_options(recording, options.to_dict())
         return recording
     if not path.is_dir():

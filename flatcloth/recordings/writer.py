@@ -12,7 +12,6 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -24,8 +23,7 @@ from flatcloth.core.decoding import fitted, parse_json
 from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Bool, Float32, Intrinsics, Progress, RotationAxis, Uint8, no_progress
-from flatcloth.recordings.base import Recording, fingerprint
-from flatcloth.recordings.film.angles import check_distinct
+from flatcloth.recordings.base import Recording, check_distinct
 from flatcloth.recordings.folder import HEADER, HEADER_FORMAT, RecordingHeader, open_folder
 
 Uint16 = NDArray[np.uint16]
@@ -284,6 +282,8 @@ class GrowingRecording(Recording):
         It owns the folder.
     """
 
+    is_growing = True
+
     def __init__(self, writer: RecordingWriter) -> None:
         self._writer = writer
         self.angles_deg = ()
@@ -305,12 +305,6 @@ class GrowingRecording(Recording):
         number = self._writer.add(angle_deg, color, depth_units, mask, truth_bgr)
         self._open()
         return number
-
-    def fingerprint_of(self, n_views: int) -> str:
-        """Return the fingerprint that the recording had when it had so many views."""
-        earlier = copy(self)
-        earlier.angles_deg = self.angles_deg[:n_views]
-        return fingerprint(earlier)
 
     def close(self) -> None:
         """Release the folder."""

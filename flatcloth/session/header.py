@@ -20,7 +20,6 @@ from flatcloth.core.config import Config
 from flatcloth.core.decoding import fitted
 from flatcloth.core.errors import ConfigError, JournalError
 from flatcloth.recordings.base import Recording, fingerprint, source_options
-from flatcloth.recordings.writer import GrowingRecording
 from flatcloth.session.kept import read_kept, write_kept
 
 FORMAT = "flatcloth-session/2"
@@ -159,7 +158,7 @@ def settle_header(
         versions={name: _version(name) for name in ("flatcloth", "numpy", "scipy", "viser")},
         id=secrets.token_hex(8),
     )
-    write_header(folder, header)
+    write_kept(path, header)
     return header
 
 
@@ -171,7 +170,7 @@ def grown(header: Header, recording: Recording) -> Header:
     return msgspec.structs.replace(header, recording=about)
 
 
-def take_growth(folder: Path, recording: GrowingRecording) -> None:
+def take_growth(folder: Path, recording: Recording) -> None:
     """Let a session name all views of a recording that has grown since its header was written.
 
     Raises
@@ -183,13 +182,8 @@ def take_growth(folder: Path, recording: GrowingRecording) -> None:
         return
     header = read_header(folder)
     had = header.recording.views
-    if had < len(recording) and header.recording.fingerprint == recording.fingerprint_of(had):
-        write_header(folder, grown(header, recording))
-
-
-def write_header(folder: Path, header: Header) -> None:
-    """Write ``session.json``; raises ``JournalError``."""
-    write_kept(folder / HEADER, header)
+    if had < len(recording) and header.recording.fingerprint == fingerprint(recording, had):
+        write_kept(folder / HEADER, grown(header, recording))
 
 
 def _check(path: Path, kept: Header, recording: Recording, config: Config, method: str) -> None:
@@ -202,18 +196,19 @@ def _check(path: Path, kept: Header, recording: Recording, config: Config, metho
     if kept.method != method:
         raise JournalError(f"{path}: the session uses method {kept.method!r}, not {method!r}. {remedy}")
     if kept.effective_config != config:
-        difference = _difference(kept.effective_config, config)
-        raise JournalError(f"{path}: the session has other settings: {difference}. {remedy}")
+        name, now, was = differences(config, kept.effective_config)[0]
+        raise JournalError(f"{path}: the session has other settings: {name} was {was}, is {now}. {remedy}")
 
 
-def _difference(kept: Config, config: Config) -> str:
-    old, new = kept.to_dict(), config.to_dict()
-    return next(
-        f"{section}.{name} was {old[section][name]}, is {value}"
-        for section in new
-        for name, value in new[section].items()
-        if value != old[section][name]
-    )
+def differences(config: Config, other: Config) -> list[tuple[str, Any, Any]]:
+    """Return the settings that differ from others: name, value, the other value."""
+    values, others = config.to_dict(), other.to_dict()
+    return [
+        (f"{section}.{name}", value, others[section][name])
+        for section, settings in values.items()
+        for name, value in settings.items()
+        if value != others[section][name]
+    ]
 
 
 def _version(package: str) -> str:

@@ -157,6 +157,8 @@ def keep_summary(
     folder: Path | None, document: Document, area_m2: float, floating_m2: float, garment: str
 ) -> None:
     """Write how far a session is; what cannot be written is left as it was."""
+    if folder is None:
+        return
     summary = Summary(
         views=len(document.used_views),
         area_cm2=round(1e4 * area_m2, 1),
@@ -164,21 +166,12 @@ def keep_summary(
         garment=garment,
         ended=document.finished is not None,
     )
-    _keep(folder, SUMMARY_FILE, summary)
+    with contextlib.suppress(JournalError):
+        write_kept(folder / SUMMARY_FILE, summary, 0o600)
 
 
 def read_summary(folder: Path) -> Summary | None:
     """Return how far a session is; None if it is not known."""
-    return _kept(folder, SUMMARY_FILE, Summary)
-
-
-def _keep(folder: Path | None, name: str, value: Any) -> None:
-    if folder is not None:
-        with contextlib.suppress(JournalError):
-            write_kept(folder / name, value, 0o600)
-
-
-def _kept(folder: Path | None, name: str, kind: type[T]) -> T | None:
     with contextlib.suppress(JournalError):
-        return None if folder is None else read_kept(folder / name, kind)
+        return read_kept(folder / SUMMARY_FILE, Summary)
     return None

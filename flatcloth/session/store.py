@@ -20,7 +20,7 @@ from flatcloth.core.errors import JournalError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Floats
 from flatcloth.recordings.base import Recording
-from flatcloth.session.header import Header, grown, settle_header, write_header
+from flatcloth.session.header import HEADER, Header, grown, settle_header
 from flatcloth.session.journal import (
     JOURNAL,
     Coordinate,
@@ -33,6 +33,7 @@ from flatcloth.session.journal import (
     read_journal,
 )
 from flatcloth.session.journal_file import JournalFile, LockedError, open_locked
+from flatcloth.session.kept import write_kept
 from flatcloth.session.machine import Cancel, SessionState
 
 _log = logging.getLogger(__name__)
@@ -121,7 +122,7 @@ class SessionFolder:
             If it cannot be written; the session then stays unchanged.
         """
         header = grown(self._header, recording)
-        write_header(self._folder, header)
+        write_kept(self._folder / HEADER, header)
         self._header = header
         state = replace(self.state, n_views=len(recording))
         self._replay = replace(self._replay, state=state)
@@ -230,7 +231,7 @@ class SessionFolder:
         fresh.mkdir(parents=True, mode=0o700)
         lock_fd = _lock(fresh)
         try:
-            write_header(fresh, self._header)
+            write_kept(fresh / HEADER, self._header)
             for name in _BESIDE:
                 with contextlib.suppress(OSError):
                     replace_file(fresh / name, read_plain(was / name))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3, camera_from_object, rotation_about
 from flatcloth.core.types import Float64, Intrinsics, RotationAxis
-from flatcloth.recordings.film.angles import apart_deg
+from flatcloth.recordings.base import apart_deg
 
 UPWARD = ("x", "y", "z", "-x", "-y", "-z")
 _EXTENT_M = (0.05, 4.0)

@@ -33,7 +33,7 @@ _DYED = 0.5
 """Share of the contrast of dyes that is left in infrared light. Chosen: most are nearly clear there."""
 _WEAVE, _WEAVE_M = 0.15, 0.002
 """Deviation of the brightness of cloth in infrared light by its yarns, a share, and their size.
-Measured: boards deviate from planes by as much as a real D435's frame (``python -m benchmarks noise``)."""
+Measured: boards deviate from planes by as much as a real D435's frame (docs/synthesis.md)."""
 _NOT_ITSELF = 0.999
 """Share of the way to a surface on which anything in between casts a shadow. Chosen."""
 _TRUTH_UNITS_PER_M, _TRUTH_OFFSET_M, _TRUTH_OUTER = 20000.0, 1.5, 16

@@ -12,7 +12,7 @@ import pytest
 import flatcloth
 from flatcloth.checking.check import checked, known_check
 from flatcloth.checking.findings import Check, Finding
-from flatcloth.checking.lens import FOCAL_STD
+from flatcloth.checking.hypotheses import FOCAL_STD
 from flatcloth.checking.result import LEAST_VIEWS, contradicting_views, is_hopeless, wrong_with
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import object_from_camera

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flatcloth.checking.lens import FOCAL_STD
+from flatcloth.checking.hypotheses import FOCAL_STD
 from flatcloth.core.types import Intrinsics, LaidPiece, Rigid2
 from flatcloth.engine.trust import Trust
 from flatcloth.garments.recognition import NONE, Recognition

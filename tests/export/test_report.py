@@ -18,11 +18,11 @@ from flatcloth.core.types import Rigid2
 from flatcloth.export.animation import frames, mp4_of
 from flatcloth.export.by_name import made
 from flatcloth.export.history import BELOW, BY_HAND, LOW, OVERRIDDEN, Flags, overridden
-from flatcloth.export.report import differences, report
+from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.pictures import Camera, camera_around, paint_points
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.header import Header
+from flatcloth.session.header import Header, differences
 
 
 def words(text: str) -> str:
@@ -77,9 +77,9 @@ def with_config(session: OpenedSession, config: Config) -> Header:
 def test_settings_that_differ_are_listed_and_a_wrong_recording_is_told(
     session: OpenedSession, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert differences(Config()) == []
+    assert differences(Config(), Config()) == []
     changed = Config(planning=PlanningConfig(overlap_area_m2=0.05))
-    assert differences(changed) == [("planning.overlap_area_m2", 0.05, 0.0)]
+    assert differences(changed, Config()) == [("planning.overlap_area_m2", 0.05, 0.0)]
     assert "Something about this recording" not in text
     monkeypatch.setattr(session.integration, "wrong", lambda _: ["View 3 contradicts the others"])
     history = replace(session.history, header=with_config(session, changed))

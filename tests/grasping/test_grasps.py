@@ -17,11 +17,11 @@ from flatcloth.grasping.grasps import (
     axis_by_hand,
     grasp_at,
     grasp_pose,
+    nearest_outline,
     pixel_of_point,
     point_on_ray,
     quaternion_wxyz,
 )
-from flatcloth.grasping.surroundings import nearest_outline
 
 AXIS = RotationAxis(point_m=np.array([0.0, 0.0, 1.0]), direction=np.array([0.0, -1.0, 0.0]))
 RADIUS_M, SIZE_M = 0.2, 0.01

@@ -25,10 +25,11 @@ def test_the_bundled_kit_is_right_to_a_few_millimetres(tmp_path, capsys, monkeyp
     shared, out = tmp_path / "shared.json", tmp_path / "out"
     for name in ("sightings_of", "integrate"):
         monkeypatch.setattr(validate, name, once(getattr(validate, name)))
-    given = ["validate", "tshirt-kit", "--sides", "one", "--within", "10"]
+    half = ",".join(map(str, range(9, 18)))  # a half turn is enough, in half the time
+    given = ["validate", "tshirt-kit", "--sides", "one", "--leave-out", half, "--within", "10"]
     assert main([*given, "--out", str(out), "--share", str(shared), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["shape"]["shown_p95_mm"] < 4 < document["shape"]["p95_mm"] < 6
+    assert document["shape"]["shown_p95_mm"] < 5 < document["shape"]["p95_mm"] < 7
     assert document["shape"]["shown"]["this side"] > 0.5
     assert document["shape"]["within_3_std_share"] > 0.8
     assert document == json.loads((out / "validation.json").read_text())
@@ -38,7 +39,7 @@ def test_the_bundled_kit_is_right_to_a_few_millimetres(tmp_path, capsys, monkeyp
     assert json.loads(shared.read_text())["shape"] == document["shape"]
     assert len(document["views"]) > 3
     assert page.count("Error by the kit (mm)") == len(document["pieces"])
-    assert main([*given[:-1], "4"]) == 1  # what no marker shows counts
+    assert main([*given[:-1], "5"]) == 1  # what no marker shows counts
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,11 @@ their rows and columns, and takes text that is cut off for whole: the header is 
 
 from __future__ import annotations
 
-import io
 import re
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.types import Float32, Intrinsics, Uint8
 from flatcloth.recordings.files.camera import MOST_PIXELS, Lens, checked_intrinsics, checked_lens
-from flatcloth.recordings.files.images import ImageHeader, decode_raw, read_bytes, read_header
+from flatcloth.recordings.files.images import ImageHeader, read_bytes, read_header
 from flatcloth.recordings.files.libraries import damage_told, load_with_libusb
 from flatcloth.recordings.files.text import failing
 
@@ -158,9 +157,6 @@ _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
 _TIFF_TAGS = frozenset((256, 257, 258, 273, 277, 279, 324, 325, 339))
 """TIFF 6.0: width, height, bits, samples and their format, and where strips and tiles lie."""
 _NPY = b"\x93NUMPY"
-FARTHEST_M = 100.0
-"""Programs write a very large number, or infinity, where a ray meets no surface."""
-
 KINDS = "16-bit PNG, TIFF or NPY with one channel, or organised PCD"
 
 
@@ -198,43 +194,6 @@ def read_depth_header(path: Path) -> ImageHeader:
     if header.channels != 1 or header.bits < 16 or header.kind == "jpeg":
         raise RecordingError(f"{path}: is {header.words}. Depth images must be {KINDS}.")
     return header
-
-
-def decode_depth_m(path: Path, header: ImageHeader, metres_per_unit: float) -> Float32:
-    """Return the depth (H, W) in metres, 0 where nothing was measured.
-
-    Integer values are multiplied by ``metres_per_unit``; floating-point values are metres.
-
-    Raises
-    ------
-    RecordingError
-        If the file is damaged, or floating-point depth is not in metres.
-    """
-    if header.kind == "npy":
-        values: NDArray[Any] = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
-        values = values.reshape(header.height, header.width)
-    elif header.kind == "pcd":
-        values = read_pcd(path).depth_m
-    else:
-        values = decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))
-    if values.shape != (header.height, header.width):
-        raise RecordingError(f"{path}: cannot be decoded. Export the image again.")
-    known = values[np.isfinite(values) & (values > 0)] if values.dtype.kind == "f" else values[:0]
-    if known.size and np.median(known) > FARTHEST_M and known.min() > 10.0:
-        raise RecordingError(
-            f"{path}: half of its floating-point values exceed {FARTHEST_M:g} m. "
-            "Divide millimetres by 1000, or export 16-bit whole numbers."
-        )
-    return metres_of(values, metres_per_unit)
-
-
-def metres_of(values: NDArray[Any], metres_per_unit: float) -> Float32:
-    """Return depth in metres, 0 for none: of whole numbers in units, or floating-point ones in metres."""
-    if values.dtype.kind != "f":
-        units = values if values.dtype.kind == "u" else np.maximum(values, 0)
-        metres: Float32 = np.multiply(units, np.float32(metres_per_unit), dtype=np.float32)
-        return metres
-    return np.where((values > 0) & (values <= FARTHEST_M), values, 0.0).astype(np.float32)
 
 
 def _tiff_header(file: BinaryIO, order: str) -> ImageHeader | None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_plain, read_plain
-from flatcloth.core.types import Intrinsics, Uint8
+from flatcloth.core.types import Float32, Intrinsics, Uint8
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
@@ -32,6 +32,9 @@ _PNG_KINDS = {
 """Bits per channel, channels, and the sentence for a file that has others."""
 MAX_FILE_BYTES, _MOST_HEADER_BYTES = 200_000_000, 2_000_000
 """Limits of an image file and of a JPEG's header. Chosen: far above any camera's."""
+FARTHEST_M = 100.0
+"""Programs write a very large number, or infinity, where a ray meets no surface."""
+
 _MOST_SCANS = 200
 """A progressive JPEG has about ten scans; thousands of empty ones take minutes to decode."""
 
@@ -207,3 +210,35 @@ def is_whole(data: bytes) -> bool:
             return True
         position = end + 4
     return False
+
+
+def decode_depth(path: Path, header: ImageHeader) -> NDArray[Any]:
+    """Return the values (H, W) of a depth image whose header was checked; raises if it is damaged."""
+    if header.kind == "npy":
+        values: NDArray[Any] = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
+        values = values.reshape(header.height, header.width)
+    else:
+        values = decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))
+    if values.shape != (header.height, header.width):
+        raise RecordingError(f"{path}: cannot be decoded. Export the image again.")
+    return values
+
+
+def checked_metres(path: Path, values: NDArray[Any], metres_per_unit: float) -> Float32:
+    """Return depth as :func:`metres_of`; raises if floating-point values are not in metres."""
+    known = values[np.isfinite(values) & (values > 0)] if values.dtype.kind == "f" else values[:0]
+    if known.size and np.median(known) > FARTHEST_M and known.min() > 10.0:
+        raise RecordingError(
+            f"{path}: half of its floating-point values exceed {FARTHEST_M:g} m. "
+            "Divide millimetres by 1000, or export 16-bit whole numbers."
+        )
+    return metres_of(values, metres_per_unit)
+
+
+def metres_of(values: NDArray[Any], metres_per_unit: float) -> Float32:
+    """Return depth in metres, 0 for none: of whole numbers in units, or floating-point ones in metres."""
+    if values.dtype.kind != "f":
+        units = values if values.dtype.kind == "u" else np.maximum(values, 0)
+        metres: Float32 = np.multiply(units, np.float32(metres_per_unit), dtype=np.float32)
+        return metres
+    return np.where((values > 0) & (values <= FARTHEST_M), values, 0.0).astype(np.float32)

@@ -12,18 +12,13 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64
+from flatcloth.recordings.base import MAX_VIEWS, TOLERANCE_DEG, apart_deg, check_distinct
 from flatcloth.recordings.files.text import failing, read_rows, shortened, unused
 from flatcloth.recordings.options import SourceOptions
 
 ANGLES_FILE = "angles.csv"
-TOLERANCE_DEG = 0.01
-"""Angles nearer than this are the same. Chosen: below the rounding of a table."""
-SAME_VIEW_DEG = 0.5
-"""Views nearer than this show the same; the later one is left out. Chosen: less shows little new."""
 _MOSTLY = 1 / 3
 """If more color images than this share lack depth, depth has another rate, and steps are of shots. Chosen."""
-MAX_VIEWS = 10_000
-"""Limit of a recording's views. Chosen: it bounds memory."""
 _MOST_DEG, _MOST_OF_USUAL = 3600.0, 10.0
 """Larger angles are slips of the pen, unless all are, as steps of an encoder, whose unit is found. Chosen."""
 T = TypeVar("T")
@@ -296,26 +291,6 @@ def distinct(views: Sequence[tuple[float, T]], least_deg: float) -> list[tuple[f
 def stops_found(count: int) -> str:
     """Return "3 stops were found"."""
     return "1 stop was found" if count == 1 else f"{count} stops were found"
-
-
-def apart_deg(a_deg: float, b_deg: float) -> float:
-    """Return the difference of two angles, modulo a full turn: 0 to 180."""
-    return abs(math.remainder(a_deg - b_deg, 360.0))
-
-
-def check_distinct(angles_deg: Sequence[float], where: str, names: Sequence[str]) -> None:
-    """Raise ``RecordingError`` if two views, which have ``names``, have the same angle, or are too many."""
-    if len(angles_deg) > MAX_VIEWS:
-        raise RecordingError(f"{where} {len(angles_deg)} views. The limit is {MAX_VIEWS}: leave some out.")
-    order = sorted(range(len(angles_deg)), key=lambda n: angles_deg[n] % 360)
-    for pair in zip(order, order[1:] + order[:1], strict=True):
-        first, second = sorted(pair)
-        if first != second and apart_deg(angles_deg[first], angles_deg[second]) < TOLERANCE_DEG:
-            same = f"has the angle of {names[first]} ({abs(angles_deg[first]):g} degrees)"
-            raise RecordingError(
-                f"{where} {names[second]} {same}. "
-                "Every view needs its own angle, also modulo 360: correct or remove one."
-            )
 
 
 _TIMES_HELP = "Expected lines of two numbers: seconds since the first frame, and the angle in degrees."

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float32, Progress, Uint8, no_progress
-from flatcloth.recordings.base import Recording, ViewImages, altered
+from flatcloth.recordings.base import SAME_VIEW_DEG, Recording, ViewImages, altered
 from flatcloth.recordings.film.angles import (
-    SAME_VIEW_DEG,
     Shots,
     distinct,
     film_step_deg,

@@ -17,9 +17,8 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64, Progress, no_progress
-from flatcloth.recordings.base import Recording, ViewImages
+from flatcloth.recordings.base import SAME_VIEW_DEG, Recording, ViewImages
 from flatcloth.recordings.film.angles import (
-    SAME_VIEW_DEG,
     distinct,
     read_turning,
     stops_found,

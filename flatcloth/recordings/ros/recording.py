@@ -17,7 +17,7 @@ from flatcloth.core.types import Float32, Float64, Progress, Uint8, no_progress
 from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.files import images
 from flatcloth.recordings.files.camera import MOST_PIXELS
-from flatcloth.recordings.files.depth_files import metres_of
+from flatcloth.recordings.files.images import metres_of
 from flatcloth.recordings.files.text import failing, one_line, shortened
 from flatcloth.recordings.film.angles import Shots, left_out, pair_by_time
 from flatcloth.recordings.film.recording import views_or_film

@@ -21,7 +21,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.garment import KnownGarment
 from flatcloth.export.garment import garment_document
 from flatcloth.garments.recognition import NONE
-from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
+from flatcloth.grasping.grasps import BASE_FROM_CAMERA
 from flatcloth.session.document import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
