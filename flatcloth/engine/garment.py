@@ -305,7 +305,7 @@ class GarmentService:
         if self._doubts_links and is_suspect(found.fit, evidence[0]) and not self.integration.wrong(document):
             cloth = self.integration.cloth(document)
         if cloth is not None:
-            alone = evidence[0].this_side
+            alone = evidence[0].sheets[0]
             links = doubted_links(best_fits(alone, known_kinds()), alone, cloth)
         return KnownGarment(
             canonical=canonical,

@@ -146,7 +146,7 @@ def _places(joint: Joint, cloth: Cloth, known: KnownGarment) -> Iterator[Place]:
                     left -= min(left, seam.probability)
     place = next((link.place for link in known.links if link.part is joint.part), None)
     if place is None:
-        part, rest = split(known.evidence[0].this_side, cloth, joint.part)
+        part, rest = split(known.evidence[0].sheets[0], cloth, joint.part)
         place = place_elsewhere([known.found.fit], rest, part)
     if place is not None:
         yield Place("garment", place.shape_from_part, left * place.probability)

@@ -68,7 +68,7 @@ class Trust:
         if _is_none(found):
             return found.probability
         is_all = document.finished is not None and not getattr(self._recording, "is_growing", False)
-        of_none = found.of_shape.get(NONE, 0.0)
+        of_none = found.probabilities.get(NONE, 0.0)
         return of_none if is_all and of_none > 1.0 - _KNOWN else 0.0
 
     def kind_std_m(self, document: Document) -> float:

@@ -12,11 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.geometry import fit_rigid2, refit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, LaidPiece, Rigid2
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.fit import APART_M, HELD_STD_M, Pull, thinned
+from flatcloth.garments.fit import APART_M, HELD_STD_M, Pull, surest
 from flatcloth.garments.links import side_of
 from flatcloth.garments.named_points import KNOWN_STD_M, POINT_NEAR_M, dimensions_of, pixel_near, points_of
 from flatcloth.garments.placing import place_pieces
@@ -194,7 +194,7 @@ def _cloth_of(view: FlattenedView) -> ClothPlaces:
 
 def _tied(xyz_m: Floats, uv_m: Float64) -> ClothPlaces:
     """Return some of the places (N, 2) of the plane with their points (N, 3) in space."""
-    chosen = thinned(len(xyz_m))
+    chosen = surest(np.zeros(len(xyz_m)))
     return ClothPlaces(
         points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[chosen]),
         uv_m=tuple((float(u), float(v)) for u, v in uv_m[chosen]),
@@ -208,14 +208,10 @@ def _now_from_then(cloth: ClothPlaces, view: FlattenedView) -> Rigid2 | None:
         return None
     off, nearest = cKDTree(view.xyz_m[view.valid]).query(np.array(cloth.points_m))
     kept = off <= POINT_NEAR_M
-    then, now = np.array(cloth.uv_m), view.uv_from_rc(pixels[nearest])
-    for _ in range(3):
-        if kept.sum() < 3:
-            return None
-        motion = fit_rigid2(then[kept], now[kept])
-        residual = np.linalg.norm(motion.apply(then) - now, axis=1)
-        kept = (off <= POINT_NEAR_M) & (residual <= max(POINT_NEAR_M, 3.0 * float(np.median(residual[kept]))))
-    return motion
+    if kept.sum() < 3:
+        return None
+    then, now = np.array(cloth.uv_m)[kept], view.uv_from_rc(pixels[nearest[kept]])
+    return refit_rigid2(fit_rigid2(then, now), then, now, POINT_NEAR_M, 10)
 
 
 def decided_part(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float32, Float64, Rigid2
@@ -36,7 +38,7 @@ class PieceEvidence:
     ``hole_edge_m`` the length of true edges round holes in it; ``depth_m`` (R, C) how far each pixel of
     cloth is inside of the border, its grid given by ``depth_origin_uv_m`` (2,) and ``depth_pixel_m``.
     ``edge_weight`` and ``inside_weight`` say for how many independent measurements each place counts.
-    With that of the other side, ``alone`` is that of this side.
+    With that of the other side, ``both`` are those of this side and of the other, mirrored, by themselves.
     """
 
     edge_uv_m: Float64
@@ -54,21 +56,47 @@ class PieceEvidence:
     depth_pixel_m: float
     edge_weight: float = SPACING_M / CORRELATED_M
     inside_weight: float = (INSIDE_M / CORRELATED_M) * (INSIDE_M / CORRELATED_M)
-    alone: PieceEvidence | None = None
+    both: tuple[PieceEvidence, ...] = ()
 
     @property
-    def this_side(self) -> PieceEvidence:
-        """The evidence of this side alone."""
-        return self if self.alone is None else self.alone
+    def measurements(self) -> float:
+        """For how many independent measurements the true edges count."""
+        return float(self.edge_weight * self.edge_trust.sum())
+
+    @property
+    def sheets(self) -> tuple[PieceEvidence, ...]:
+        """The evidence of each side alone, this one first."""
+        return self.both or (self,)
 
     def depth_at(self, uv_m: Float64) -> Float64:
-        """Return how far inside of the border places (N, 2) of the plane are, 0 off the cloth."""
+        """Return how far inside of this side's border places (N, 2) of the plane are, 0 off its cloth."""
         at = np.rint((uv_m - self.depth_origin_uv_m) / self.depth_pixel_m).astype(int)
         rows, cols = self.depth_m.shape
         there = (at[:, 0] >= 0) & (at[:, 0] < cols) & (at[:, 1] >= 0) & (at[:, 1] < rows)
         found = np.zeros(len(uv_m))
         found[there] = self.depth_m[at[there, 1], at[there, 0]]
         return found
+
+    def inside_stds(self, uv_m: Float64, outline_std_m: float) -> Float64:
+        """Return by how many deviations places (N, 2) are inside of the border of the cloth near them."""
+        most = np.full(len(uv_m), -np.inf)
+        for sheet in self.sheets:
+            std_m = np.append(sheet.inside_std_m, 0.0)[sheet._inside.query(uv_m)[1]]  # 0 where none is inside
+            most = np.maximum(most, (sheet.depth_at(uv_m) - SPACING_M) / np.hypot(outline_std_m, std_m))
+        return most
+
+    @cached_property
+    def _inside(self) -> cKDTree:
+        return cKDTree(self.inside_uv_m)
+
+    def as_laid(self, std_m: float) -> PieceEvidence:
+        """Return the evidence as if all cloth were where it lies, but for this deviation."""
+        return replace(
+            self,
+            edge_std_m=np.minimum(self.edge_std_m, std_m),
+            inside_std_m=np.minimum(self.inside_std_m, std_m),
+            both=tuple(sheet.as_laid(std_m) for sheet in self.both),
+        )
 
     def part(self, edges: Bool, insides: Bool, pixels_rc: NDArray[np.int64]) -> PieceEvidence:
         """Return the evidence of a part: its true edges (E,), places with cloth (I,) and pixels (K, 2)."""
@@ -89,66 +117,32 @@ class PieceEvidence:
         from its own outside, and mirrored and moved to this one. Where one sheet ends on the other, as a
         neckline does, the garment goes on. Area, holes and the unseen border stay those of this sheet.
         """
-        its = other._mirrored()
-        if this_from_mirrored is not None:
-            its = its._moved(this_from_mirrored)
-        own, its = self._without_edges_on(its), its._without_edges_on(self)
-        pixel_m = self.depth_pixel_m
-        at = np.rint((its.depth_origin_uv_m - self.depth_origin_uv_m) / pixel_m).astype(int)[::-1]
-        first = np.minimum(at, 0)
-        size = np.maximum(self.depth_m.shape, np.add(at, its.depth_m.shape)) - first
-        depth_m = np.zeros(size, dtype=np.float32)
-        for (row, col), sheet in ((-first, self), (at - first, its)):
-            box = depth_m[row : row + sheet.depth_m.shape[0], col : col + sheet.depth_m.shape[1]]
-            np.maximum(box, sheet.depth_m, out=box)
-        names, both = _EDGES + _INSIDES, (own, its)
-        joined: dict[str, Any] = {name: np.concatenate([getattr(e, name) for e in both]) for name in names}
-        return replace(
-            own,
-            **joined,
-            depth_m=depth_m,
-            depth_origin_uv_m=self.depth_origin_uv_m + first[::-1] * pixel_m,
-            alone=self,
-        )
+        sheet = other._seen_through(this_from_mirrored or Rigid2())
+        # Without the edges of each that lie on the other, far inside of its border.
+        own = self._chosen(sheet.depth_at(self.edge_uv_m) <= FARTHEST_M, np.s_[:])
+        its = sheet._chosen(self.depth_at(sheet.edge_uv_m) <= FARTHEST_M, np.s_[:])
+        names = _EDGES + _INSIDES
+        joined: dict[str, Any] = {n: np.concatenate([getattr(own, n), getattr(its, n)]) for n in names}
+        return replace(own, **joined, both=(self, sheet))
 
-    def _mirrored(self) -> PieceEvidence:
-        """Return the evidence as seen through the cloth."""
-        last = np.array([(self.depth_m.shape[1] - 1) * self.depth_pixel_m, 0.0])
-        return replace(
-            self,
-            edge_uv_m=self.edge_uv_m * MIRROR,
-            edge_normal=self.edge_normal * MIRROR,
-            unseen_uv_m=self.unseen_uv_m * MIRROR,
-            inside_uv_m=self.inside_uv_m * MIRROR,
-            depth_m=self.depth_m[:, ::-1],
-            depth_origin_uv_m=(self.depth_origin_uv_m + last) * MIRROR,
-        )
-
-    def _moved(self, motion: Rigid2) -> PieceEvidence:
-        """Return the evidence after a motion on its plane."""
-        rows, cols = self.depth_m.shape
-        corners = self.depth_origin_uv_m + self.depth_pixel_m * np.array(
-            [(0, 0), (cols - 1, 0), (0, rows - 1), (cols - 1, rows - 1)]
-        )
-        at = motion.apply(corners)
-        low = np.floor(at.min(axis=0) / self.depth_pixel_m) * self.depth_pixel_m
-        size = np.ceil((at.max(axis=0) - low) / self.depth_pixel_m).astype(int) + 1
+    def _seen_through(self, motion: Rigid2) -> PieceEvidence:
+        """Return the evidence as seen through the cloth, after a motion on that plane."""
+        (rows, cols), pixel_m = self.depth_m.shape, self.depth_pixel_m
+        ends = self.depth_origin_uv_m + pixel_m * np.array([(0, 0), (cols, 0), (0, rows), (cols, rows)])
+        at = motion.apply(ends * MIRROR)
+        low = np.floor(at.min(axis=0) / pixel_m) * pixel_m
+        size = np.ceil((at.max(axis=0) - low) / pixel_m).astype(int) + 1
         turn = Rigid2(motion.theta_rad)
-        moved = np.column_stack([turn.apply(np.eye(2)).T, (at[0] - low) / self.depth_pixel_m])
+        moved = np.column_stack([turn.apply(np.diag(MIRROR)).T, (at[0] - low) / pixel_m])
         return replace(
             self,
-            edge_uv_m=motion.apply(self.edge_uv_m),
-            edge_normal=turn.apply(self.edge_normal),
-            unseen_uv_m=motion.apply(self.unseen_uv_m),
-            inside_uv_m=motion.apply(self.inside_uv_m),
+            edge_uv_m=motion.apply(self.edge_uv_m * MIRROR),
+            edge_normal=turn.apply(self.edge_normal * MIRROR),
+            unseen_uv_m=motion.apply(self.unseen_uv_m * MIRROR),
+            inside_uv_m=motion.apply(self.inside_uv_m * MIRROR),
             depth_m=cv2.warpAffine(self.depth_m, moved, size.tolist()).astype(np.float32),
             depth_origin_uv_m=low,
         )
-
-    def _without_edges_on(self, sheet: PieceEvidence) -> PieceEvidence:
-        """Return the evidence without the true edges that lie on another sheet, far inside of its border."""
-        kept = sheet.depth_at(self.edge_uv_m) <= FARTHEST_M
-        return self._chosen(kept, np.s_[:])
 
     def _chosen(self, edges: Bool | slice, insides: Bool | slice) -> PieceEvidence:
         """Return the evidence with some true edges (E,) and places with cloth (I,) only."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flatcloth.core.types import Bool, Float64, Rigid2
+from flatcloth.core.types import Float64, Rigid2
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.garments.distance import inside_outline
 from flatcloth.garments.evidence import INSIDE_M, PieceEvidence
@@ -63,18 +63,8 @@ def half_seen_tshirt() -> PieceEvidence:
     kind = kind_named("tshirt")
     outline = Rigid2(0.4, 0.1, 0.05).apply(kind.outline(kind.mean[:, None])[:, :, 0])
     whole = seen_outline([outline])
-    limit = float(np.quantile(whole.inside_uv_m[:, 0], 0.72))
-    edges: Bool = np.asarray(whole.edge_uv_m[:, 0] < limit)
-    insides: Bool = np.asarray(whole.inside_uv_m[:, 0] < limit)
+    edges, insides = (uv_m[:, 0] < 0.25 for uv_m in (whole.edge_uv_m, whole.inside_uv_m))
+    rows = np.arange(outline[:, 1].min(), outline[:, 1].max(), SPACING_M)
+    cut = np.stack(np.broadcast_arrays(0.25, rows), axis=1)
     seen = whole.part(edges, insides, np.zeros((0, 2), dtype=np.int64))
-    low, high = outline[:, 1].min(), outline[:, 1].max()
-    cut = np.stack(np.broadcast_arrays(limit, np.arange(low, high, SPACING_M)), axis=1)
-    # Edges near the lowest corner were seen by a view or two only.
-    lowest = seen.edge_uv_m[seen.edge_uv_m[:, 1].argmax()]
-    far_m = np.linalg.norm(seen.edge_uv_m - lowest, axis=1)
-    return replace(
-        seen,
-        edge_trust=np.where(far_m < 0.15, 0.4, 0.85),
-        unseen_uv_m=cut[inside_outline(cut, outline)],
-        area_m2=float(insides.sum()) * INSIDE_M**2,
-    )
+    return replace(seen, unseen_uv_m=cut[inside_outline(cut, outline)], area_m2=INSIDE_M**2 * insides.sum())

@@ -99,8 +99,8 @@ def coarse_poses(outline: Float64, piece: PieceEvidence, count: int) -> list[tup
     They are twice ``CORRELATED_M`` apart, in the turns at the farthest place of the piece.
     """
     middle = (piece.inside_uv_m.min(axis=0) + piece.inside_uv_m.max(axis=0)) / 2
-    insides = piece.inside_uv_m[thinned(len(piece.inside_uv_m))] - middle
-    edges = thinned(len(piece.edge_uv_m))
+    insides = piece.inside_uv_m[surest(piece.inside_std_m)] - middle
+    edges = surest(piece.edge_std_m)
     low, high = outline.min(axis=0), outline.max(axis=0)
     farthest_m = float(np.linalg.norm(insides, axis=1).max())
     turns = np.arange(0.0, 2 * np.pi, min(2 * CORRELATED_M / max(farthest_m, CORRELATED_M), np.pi / 2))
@@ -117,9 +117,11 @@ def are_apart(one: Rigid2, other: Rigid2, piece: PieceEvidence) -> bool:
     return float(off_m.mean()) > APART_M
 
 
-def thinned(count: int) -> Int64:
-    """Return some of the numbers from 0 to ``count - 1``, evenly spaced, that stand for all."""
-    return np.linspace(0, count - 1, min(count, _POINTS)).astype(np.int64)
+def surest(std_m: Float64) -> Int64:
+    """Return some of places with deviations (N,) that stand for all, by how much each says of the outline."""
+    says = np.cumsum(1.0 / (OUTLINE_STD_M**2 + np.square(std_m)))
+    count = min(len(says), _POINTS)
+    return np.searchsorted(says, says[-1] * (np.arange(count) + 0.5) / count) if count else np.arange(0)
 
 
 @dataclass(frozen=True)
@@ -234,17 +236,15 @@ def refine(
 
 def crossing_energy(outline: Float64, pieces: tuple[PieceEvidence, ...], poses: Float64) -> float:
     """Return what it costs that an outline runs through seen cloth, where cloth would have to end."""
-    following = np.roll(outline, -1, axis=0)
-    counts = np.maximum(np.ceil(np.linalg.norm(following - outline, axis=1) / SPACING_M), 1)
-    side = np.repeat(np.arange(len(outline)), counts.astype(int))
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    share = (np.arange(len(side)) - first[side] + 0.5) / counts[side]
-    places = outline[side] + share[:, None] * (following[side] - outline[side])
-    energy = 0.0
-    for piece, pose in zip(pieces, poses, strict=True):
-        depth_m = piece.depth_at(Rigid2(*pose).inverse().apply(places))
-        energy += float(bounded_cost(depth_m - SPACING_M, OUTLINE_STD_M).sum())
-    return SPACING_M / CORRELATED_M * energy
+    closed = np.concatenate([outline, outline[:1]])
+    along_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at_m = np.arange(0.5 * SPACING_M, along_m[-1], SPACING_M)
+    places = np.stack([np.interp(at_m, along_m, each) for each in closed.T], axis=1)
+    inside_stds = [
+        piece.inside_stds(Rigid2(*pose).inverse().apply(places), OUTLINE_STD_M)
+        for piece, pose in zip(pieces, poses, strict=True)
+    ]
+    return SPACING_M / CORRELATED_M * float(bounded_cost(np.concatenate(inside_stds), 1.0).sum())
 
 
 def bounded_cost(off_m: Float64, std_m: float) -> Float64:

@@ -167,18 +167,19 @@ def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidenc
     """Return a named point moved with the true edges nearby, and its standard deviation then.
 
     The corner of the outline is shifted so that its sides meet the edges on either side of it: linear
-    least squares of the shift (2,), with the fit as the prior and robust weights.
+    least squares of the shift (2,), with the fit as the prior and robust weights. How far the cloth there may
+    be off is one error of all these edges.
     """
     near = np.linalg.norm(main.edge_uv_m - uv, axis=1) <= APART_M
     if near.sum() < 6:
         return uv, std_m
     q, normal, trust = main.edge_uv_m[near], main.edge_normal[near], main.edge_weight * main.edge_trust[near]
+    edge_std_m = np.hypot(OUTLINE_STD_M, math.sqrt(trust.sum()) * main.edge_std_m[near])
     shift: Float64 = np.zeros(2)
     precision = np.eye(2) / std_m**2
     for _ in range(4):
         _, _, away, distance = to_edges(q - shift, normal, outline_uv)
-        z = distance / OUTLINE_STD_M
-        weight = trust * np.square(robust_weight(z)) / OUTLINE_STD_M**2
+        weight = trust * np.square(robust_weight(distance / edge_std_m) / edge_std_m)
         matrix = precision + (away * weight[:, None]).T @ away
         pull: Float64 = away.T @ (weight * (distance + away @ shift))
         shift = np.linalg.solve(matrix, pull).astype(np.float64)

@@ -27,7 +27,7 @@ from flatcloth.garments.fit import (
     bounded_cost,
     coarse_poses,
     refine,
-    thinned,
+    surest,
 )
 from flatcloth.garments.model import with_slope
 
@@ -80,7 +80,7 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
     for other_energy, other in tried:
         if other_energy > energy and are_apart(other.garment_from_piece[1], at, piece):
             total += np.exp(-(other_energy - energy) / TEMPERATURE)
-    own = max(float(piece.edge_weight * piece.edge_trust.sum()), 1.0)
+    own = max(piece.measurements, 1.0)
     # A place whose edges do not fit is rejected, even if all others fit worse.
     misfit = np.exp(-2.0 * max((energy - fit.energy) / own - 1.0, 0.0))
     return Placed(
@@ -95,7 +95,7 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
 
 def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
     """Return the best poses far from one another. A contradiction only adds to the cost: few are rated."""
-    own = float(piece.edge_weight * piece.edge_trust.sum())
+    own = piece.measurements
     poses = coarse_poses(fit.outline, piece, 8 * STARTS)
     waiting = [(own * cost, False, n) for n, (cost, _) in enumerate(poses)]
     kept: list[Rigid2] = []
@@ -127,12 +127,11 @@ def contradiction(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> float:
 def _contradiction(
     outline: Float64, main_pose: Rigid2, pose: Rigid2, main: PieceEvidence, piece: PieceEvidence
 ) -> float:
-    main, piece = main.this_side, piece.this_side  # they may lie over cloth of the other side
+    main, piece = main.sheets[0], piece.sheets[0]  # they may lie over cloth of the other side
     shape_from_piece = main_pose.inverse() @ pose
     there = shape_from_piece.apply(piece.inside_uv_m)
-    laid_m = main.depth_at(there) - OUTLINE_STD_M
-    energy = piece.inside_weight * float(bounded_cost(laid_m, OUTLINE_STD_M).sum())
-    own, others = thinned(len(there)), thinned(len(main.inside_uv_m))
+    energy = piece.inside_weight * float(bounded_cost(main.inside_stds(there, OUTLINE_STD_M), 1.0).sum())
+    own, others = surest(piece.inside_std_m), surest(main.inside_std_m)
     first, last = pose.apply(piece.inside_uv_m[own]), main_pose.apply(main.inside_uv_m[others])
     short_m = shortened(first, last, piece.inside_xyz_m[own], main.inside_xyz_m[others], outline)
     if not len(short_m):
@@ -158,7 +157,7 @@ def _fit_std_m(fit: Fit, piece: PieceEvidence) -> float:
     """Return the standard deviation of the distance of the piece's middle from its true place."""
     count = len(fit.kind.parameters)
     shape = fit.covariance[count:, count:]
-    middle = piece.this_side.inside_uv_m.mean(axis=0)
+    middle = piece.sheets[0].inside_uv_m.mean(axis=0)
     main, own = fit.garment_from_piece
 
     def place(x: Float64) -> Float64:

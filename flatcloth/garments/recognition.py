@@ -2,14 +2,15 @@
 
 Kinds are compared by the Laplace approximation of their evidence (MacKay 2003, chapter 27), so that a
 kind with more freedom needs to explain more. Errors of the evidence are correlated over some centimetres, so
-differences are divided by a temperature: by :func:`temperature_of`, for views from around the item.
+differences are divided by a temperature (:func:`temperature_of`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
 from flatcloth.garments.fit import (
+    OUTLINE_STD_M,
     STARTS,
     TEMPERATURE,
     Fit,
@@ -33,6 +35,7 @@ from flatcloth.garments.model import Kind
 from flatcloth.garments.named_points import KNOWN_STD_M, Measure, Point, dimensions_of, points_of
 from flatcloth.garments.placing import Placed, place_pieces
 from flatcloth.segmentation.settings import SURE
+from flatcloth.shape.joints import false_share
 
 NONE = "none of these"
 MISFIT, MISFIT_STD = 0.135, 0.016
@@ -54,8 +57,7 @@ class Recognition:
     ``probabilities`` of every known kind and of :data:`NONE`; ``fits`` the best fit of each kind, the
     most probable first; ``pieces`` the floating pieces that the most probable kind has a place for.
     ``by_hand`` is the kind that an operator set, ``held`` the named points that one holds in their places;
-    ``temperature`` is that of the probabilities. ``cautious`` are those at ``TEMPERATURE``, if they are
-    others: the shape itself is trusted by them, for with false joints a garment still fits, but less well.
+    ``temperature`` is that of the probabilities.
     """
 
     probabilities: dict[str, float]
@@ -66,7 +68,6 @@ class Recognition:
     by_hand: str | None = None
     held: frozenset[str] = frozenset()
     temperature: float = TEMPERATURE
-    cautious: dict[str, float] = field(default_factory=dict)
 
     @property
     def fit(self) -> Fit:
@@ -89,11 +90,6 @@ class Recognition:
         return self.probabilities[self.kind]
 
     @property
-    def of_shape(self) -> dict[str, float]:
-        """The probabilities by which the shape is trusted."""
-        return self.cautious or self.probabilities
-
-    @property
     def outline_uv_m(self) -> Float64:
         """(V, 2) the fitted outline on the plane of the shape."""
         return self.fit.garment_from_piece[0].inverse().apply(self.fit.outline)
@@ -104,7 +100,7 @@ class Recognition:
         # Central moments of the area of each outline; all kinds count alike if it is surely none of them.
         areas = [cv2.moments(fit.outline[:, None].astype(np.float32)) for fit in self.fits]
         squared_m2 = [2.0 * (area["mu20"] + area["mu02"]) / area["m00"] for area in areas]
-        shares = [self.of_shape[fit.kind.name] + 1e-9 for fit in self.fits]
+        shares = [self.probabilities[fit.kind.name] + 1e-9 for fit in self.fits]
         return math.sqrt(float(np.average(squared_m2, weights=shares)))
 
 
@@ -134,6 +130,10 @@ def recognise(
 ) -> Recognition:
     """Find which garment a shape is.
 
+    Cloth on doubtful joints may be anywhere, which its deviations say, and tells little; but more probably it
+    is where it lies. The kinds are compared both ways, and the second counts as probably as hardly any
+    evidence joins cloth rightly, unless it is none of them.
+
     Parameters
     ----------
     shape : FlattenedView
@@ -149,55 +149,68 @@ def recognise(
         If there is too little cloth or border.
     """
     main = evidence[0]
-    if main.area_m2 < LEAST_AREA_M2:
-        raise GarmentError(
-            f"The shape has {1e4 * main.area_m2:.0f} cm2 of cloth; a garment is not recognised below "
-            f"{1e4 * LEAST_AREA_M2:.0f} cm2. Add views."
-        )
-    if not has_enough_edges(main):
-        raise GarmentError(
-            f"Only {100 * SPACING_M * len(main.edge_uv_m):.0f} cm of the shape's border are true edges; "
-            "a garment is not recognised by so few. Add views that face its edges."
-        )
-    fits = _with_witnesses(fits_of(main), [piece.this_side for piece in evidence[1:]])
+    if lack := _lacks(main):
+        raise GarmentError(lack)
+    fits, placed, chances = _compared(evidence, temperature)
+    laid = [piece.as_laid(OUTLINE_STD_M) for piece in evidence]
+    if any((one.edge_std_m > other.edge_std_m).any() for one, other in zip(evidence, laid, strict=True)):
+        right, prior = _compared(laid, temperature, fits)[2], 1.0 - float(false_share(np.zeros(1))[0])
+        rest = 1.0 - prior * (1.0 - right[NONE])
+        chances = {name: rest * p + prior * right[name] * (name != NONE) for name, p in chances.items()}
+        fits.sort(key=lambda fit: -chances[fit.kind.name])
+    best = fits[0]
+    pieces = placed.get(best.kind.name) or place_pieces(best, evidence)
+    if sure := [piece for piece in pieces if is_sure(piece)]:  # the largest belongs to it
+        best = fits[0] = replace(sure[0].fit, energy=best.energy, log_evidence=best.log_evidence)
+    points = points_of(best, shape, main)
+    return Recognition(
+        probabilities=chances,
+        fits=tuple(fits),
+        dimensions=dimensions_of(best, points),
+        points=points,
+        pieces=tuple(pieces),
+        temperature=temperature,
+    )
+
+
+def _compared(
+    evidence: Sequence[PieceEvidence], temperature: float, before: Sequence[Fit] = ()
+) -> tuple[list[Fit], dict[str, list[Placed]], dict[str, float]]:
+    """Return the fit of every kind, the most probable first, where likely ones have the floating pieces, and
+    the probabilities of the kinds.
+    """
+    main = evidence[0]
+    fits = _with_witnesses(fits_of(main, before=before), [piece.sheets[0] for piece in evidence[1:]])
     placed: dict[str, list[Placed]] = {}
     gains: dict[str, float] = {}
     for fit in fits:
         if fit.log_evidence < fits[0].log_evidence - 4 * TEMPERATURE:
             continue
         placed[fit.kind.name] = place_pieces(fit, evidence)
-        # What pieces cost at their best places beyond the main piece alone.
-        gains[fit.kind.name] = -sum(max(p.fit.energy - fit.energy, 0.0) for p in placed[fit.kind.name])
+        # What pieces cost at their best places beyond the main piece alone, or as what belongs to nothing.
+        gains[fit.kind.name] = sum(
+            float(np.logaddexp(-max(p.fit.energy - fit.energy, 0.0), -evidence[1 + p.index].measurements))
+            for p in placed[fit.kind.name]
+        )
     least = min(gains.values(), default=0.0)
     fits.sort(key=lambda f: -(f.log_evidence + gains.get(f.kind.name, least)))
-    probabilities = _probabilities(fits, gains, least, main, temperature)
-    best = _with_pieces(fits[0], placed[fits[0].kind.name])
-    fits[0] = best
-    points = points_of(best, shape, main)
-    return Recognition(
-        probabilities=probabilities,
-        fits=tuple(fits),
-        dimensions=dimensions_of(best, points),
-        points=points,
-        pieces=tuple(placed[best.kind.name]),
-        temperature=temperature,
-        cautious=_probabilities(fits, gains, least, main, TEMPERATURE),
-    )
+    return fits, placed, probabilities_by(fits, main, temperature, gains)
 
 
 def _with_witnesses(fits: list[Fit], others: Sequence[PieceEvidence]) -> list[Fit]:
     """Return the fits with the evidence of the other large pieces added, the most probable first.
 
-    A piece that is large enough to be recognised by itself is evidence of the kind, wherever it lies. An
-    unlikely kind is given the worst fit of the other kinds.
+    A piece that is large enough to be recognised by itself is evidence of the kind, wherever it lies; or it
+    belongs to nothing. An unlikely kind is given the worst fit of the other kinds.
     """
     for piece in sorted(others, key=lambda piece: -piece.area_m2):
-        if piece.area_m2 >= LEAST_AREA_M2 and has_enough_edges(piece):
+        if not _lacks(piece):
             likely = [fit.kind for fit in fits if _is_likely(fit, fits[0])]
-            coarse, own = piece.thinned(THINNED), {}
-            for kind in likely:  # by fewer starts and points
-                begun = starts(kind, piece, STARTS // 2)
-                own[kind.name] = _roughly(kind, coarse, begun)[0].log_evidence
+            coarse = piece.thinned(THINNED)  # by fewer starts and points
+            alone = [_roughly(kind, coarse, starts(kind, piece, STARTS // 2))[0] for kind in likely]
+            best = max(alone, key=lambda fit: fit.log_evidence)
+            nothing = best.log_evidence + best.energy - piece.measurements
+            own = {f.kind.name: float(np.logaddexp(f.log_evidence, nothing)) for f in alone}
             worst = min(own.values())
             fits = _most_probable_first(
                 replace(f, log_evidence=f.log_evidence + own.get(f.kind.name, worst)) for f in fits
@@ -210,9 +223,20 @@ def _is_likely(fit: Fit, best: Fit) -> bool:
     return fit.log_evidence >= best.log_evidence - 8 * TEMPERATURE
 
 
-def has_enough_edges(piece: PieceEvidence) -> bool:
-    """Return whether the true edges are as long as two sides of a square of the least area: 20 cm."""
-    return len(piece.edge_uv_m) * SPACING_M >= 2.0 * math.sqrt(LEAST_AREA_M2)
+def _lacks(piece: PieceEvidence) -> str:
+    """Return what a piece lacks to be recognised: cloth, or true edges as long as two sides of its square."""
+    edges_m = SPACING_M * len(piece.edge_uv_m)
+    if piece.area_m2 < LEAST_AREA_M2:
+        return (
+            f"The shape has {1e4 * piece.area_m2:.0f} cm2 of cloth; a garment is not recognised below "
+            f"{1e4 * LEAST_AREA_M2:.0f} cm2. Add views."
+        )
+    if edges_m < 2 * math.sqrt(LEAST_AREA_M2):
+        return (
+            f"Only {100 * edges_m:.0f} cm of the shape's border are true edges; a garment is not recognised "
+            "by so few. Add views that face its edges."
+        )
+    return ""
 
 
 def best_fits(main: PieceEvidence, kinds: Sequence[Kind]) -> list[Fit]:
@@ -220,13 +244,15 @@ def best_fits(main: PieceEvidence, kinds: Sequence[Kind]) -> list[Fit]:
     return _most_probable_first(fits_of(main, [kind])[0] for kind in kinds)
 
 
-def fits_of(main: PieceEvidence, kinds: Sequence[Kind] = ()) -> list[Fit]:
+def fits_of(main: PieceEvidence, kinds: Sequence[Kind] = (), before: Sequence[Fit] = ()) -> list[Fit]:
     """Return the fit of every kind, or of these, to one piece, the most probable first.
 
     Half of the starts, with some of the edges, decide which kinds are likely; these get all starts and edges.
+    The optima of fits ``before`` are starts.
     """
     coarse, found = main.thinned(THINNED), []
-    begun = [(kind, starts(kind, main, STARTS)) for kind in kinds or known_kinds()]
+    begun = [(f.kind, [(g.parameters, g.garment_from_piece[0]) for _, g in f.others]) for f in before]
+    begun = begun or [(kind, starts(kind, main, STARTS)) for kind in kinds or known_kinds()]
     tried = [_roughly(kind, coarse, some[: STARTS // 2]) for kind, some in begun]
     best = max((fits[0] for fits in tried), key=lambda f: f.log_evidence)
     for (kind, some), fits in zip(begun, tried, strict=True):
@@ -250,21 +276,6 @@ def _most_probable_first(fits: Iterable[Fit]) -> list[Fit]:
     return sorted(fits, key=lambda fit: -fit.log_evidence)
 
 
-def probabilities_by(
-    fits: list[Fit], main: PieceEvidence, temperature: float = TEMPERATURE
-) -> dict[str, float]:
-    """Return the probabilities of the kinds and of :data:`NONE` by the fits to one piece."""
-    return _probabilities(fits, {}, 0.0, main, temperature)
-
-
-def _with_pieces(fit: Fit, pieces: list[Placed]) -> Fit:
-    """Return the fit to the main piece and to the largest other that surely belongs to it."""
-    sure = [piece for piece in pieces if is_sure(piece)]
-    if not sure:
-        return fit
-    return replace(sure[0].fit, energy=fit.energy, log_evidence=fit.log_evidence)
-
-
 def held_fit(fit: Fit, main: PieceEvidence, pulls: tuple[Pull, ...]) -> Fit:
     """Return the fit with named points held where they were put; the rest follows."""
     coarse = main.thinned(THINNED)
@@ -272,9 +283,16 @@ def held_fit(fit: Fit, main: PieceEvidence, pulls: tuple[Pull, ...]) -> Fit:
     return refine(fit.kind, (coarse,), fit.parameters, poses, pulls=pulls, annealed=(1.0,))
 
 
-def _probabilities(
-    fits: list[Fit], gains: dict[str, float], least: float, main: PieceEvidence, temperature: float
+def probabilities_by(
+    fits: list[Fit],
+    main: PieceEvidence,
+    temperature: float = TEMPERATURE,
+    gains: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, float]:
+    """Return the probabilities of the kinds and of :data:`NONE` by the fits to a piece, and what further
+    pieces add to the evidence of kinds: the least of these to others.
+    """
+    least = min(gains.values(), default=0.0)
     logs = np.array([f.log_evidence + gains.get(f.kind.name, least) for f in fits]) / temperature
     shares = np.exp(logs - logs.max())
     shares /= shares.sum()

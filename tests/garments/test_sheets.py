@@ -41,19 +41,19 @@ def test_seams_of_both_sides_are_one_outline_and_the_lower_neckline_is_left_out(
     off_center = np.array([0.1, 0.0])  # so that a mirror shows
     this, other = with_depth(front + off_center), with_depth((back + off_center)[::-1] * [-1.0, 1.0])
     both = this.with_other_side(other)
-    assert both.this_side is this
-    assert this.this_side is this
+    assert both.sheets[0] is this
+    assert this.sheets[0] is this
     off_m = to_edges(both.edge_uv_m, both.edge_normal, back + off_center).distance
     assert np.abs(off_m).max() < 0.021  # 5 standard deviations of the edges
     alone_m = to_edges(this.edge_uv_m, this.edge_normal, back + off_center).distance
     assert alone_m.min() < -0.06
     assert len(both.edge_uv_m) > 1.8 * (np.abs(alone_m) < 0.021).sum()
-    hem = np.array([[0.1, front[:, 1].max() - 0.05]])
-    assert both.depth_at(hem)[0] == pytest.approx(this.depth_at(hem)[0])
     neck = np.array([[0.1, back[0, 1] + 0.03]])  # behind the neck is the other side only
+    behind = both.sheets[1]
     assert this.depth_at(neck) == 0.0
-    assert both.depth_at(neck)[0] == pytest.approx(other.depth_at(neck * [-1.0, 1.0])[0], abs=0.006)
-    assert both.depth_at(neck)[0] > 0.02
+    assert behind.depth_at(neck)[0] == pytest.approx(other.depth_at(neck * [-1.0, 1.0])[0], abs=0.006)
+    assert both.inside_stds(neck, 0.008) == pytest.approx(behind.inside_stds(neck, 0.008))
+    assert both.inside_stds(neck, 0.008) > 2.0 > 0.0 > this.inside_stds(neck, 0.008)
 
 
 def test_a_piece_may_lie_over_cloth_of_the_other_side_but_not_of_its_own() -> None:
@@ -89,8 +89,7 @@ def test_a_sheet_on_another_plane_is_evidence_where_its_motion_leads() -> None:
     assert np.median((off.away * both.edge_normal).sum(axis=1)) > 0.9
     for place in ([[0.15, 0.1]], [[0.02, 0.1]], [[0.28, 0.15]]):
         at_other = moved.inverse().apply(np.array(place)) * [-1.0, 1.0]
-        alone = dataclasses.replace(this, depth_m=np.zeros_like(this.depth_m))
-        found = alone.with_other_side(other, moved).depth_at(np.array(place))[0]
+        found = both.sheets[1].depth_at(np.array(place))[0]
         assert found == pytest.approx(other.depth_at(at_other)[0], abs=0.006)
         assert found > 0.01
 
@@ -136,7 +135,7 @@ def test_what_seams_join_to_a_floating_piece_is_evidence_of_its_place(
     else:
         wanted = piece.with_other_side(other, moved)
         np.testing.assert_allclose(found.edge_uv_m, wanted.edge_uv_m, atol=1e-9)
-        assert found.this_side is piece
+        assert found.sheets[0] is piece
 
 
 @pytest.mark.parametrize("name", ["skirt", "towel"])
