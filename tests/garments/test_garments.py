@@ -378,7 +378,7 @@ def test_a_kind_is_as_sure_as_the_joints_that_it_hangs_on() -> None:
     anywhere = {name: np.full_like(getattr(main, name), 0.3) for name in ("edge_std_m", "inside_std_m")}
     doubtful = recognise(view, [dataclasses.replace(main, **anywhere)])
     assert doubtful.kind == "towel"
-    assert 0.6 < doubtful.probability < recognise(view, [main]).probability - 0.1
+    assert 0.6 < doubtful.probability < recognise(view, [main]).probability - 0.03
     folded = dataclasses.replace(
         main, edge_uv_m=np.where(main.edge_uv_m < 0.5, main.edge_uv_m, 0.4), **anywhere
     )
