@@ -6,7 +6,6 @@ import pytest
 from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.color import alike_in_color
 from flatcloth.segmentation.relations import SignedGraph
-from flatcloth.segmentation.settings import SegmentationConfig
 
 FRONT = np.arange(600)
 BACK = FRONT + 600
@@ -22,7 +21,7 @@ def of_color(apart, print_px=3, opposite=-0.8):
     chroma = np.random.default_rng(0).normal(128.0, 4.0, (1200 // print_px, 2)).repeat(print_px, axis=0)
     chroma[FRONT, 1] += apart
     graph = SignedGraph(count=1200, first=first, second=second, weight=weight)
-    return alike_in_color(clusters, graph, chroma, SegmentationConfig())
+    return alike_in_color(clusters, graph, chroma)
 
 
 def test_panels_of_other_colors_are_told_apart():

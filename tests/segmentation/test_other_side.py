@@ -11,7 +11,6 @@ from flatcloth.core.config import Config
 from flatcloth.segmentation.observed import gather_evidence
 from flatcloth.segmentation.other_side import _opposite_share, other_side
 from flatcloth.segmentation.relations import SignedGraph
-from flatcloth.segmentation.settings import SegmentationConfig
 
 VIEWS = plate()
 
@@ -58,7 +57,7 @@ def test_cloth_that_goes_on_smoothly_over_the_border_of_the_masks_is_not_of_this
         weight=np.array([0.9, 0.3, -0.5]),
     )
     clusters = SimpleNamespace(count=3, place_m=np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.3, 0.0]]))
-    seen = SimpleNamespace(graph=graph, clusters=clusters, config=SegmentationConfig())
+    seen = SimpleNamespace(graph=graph, clusters=clusters)
     share = _opposite_share(seen, np.array([True, False, False]))
     assert share[this] == 0.0
     assert share[over_seam] == share[behind] == 1.0
