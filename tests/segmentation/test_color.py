@@ -13,7 +13,7 @@ FACE = FRONT[300:312]
 
 
 def of_color(apart, print_px=3, opposite=-0.8):
-    """Evidence and odds by a print, this many clusters wide, so far off the other panel's in b*, but on FACE."""
+    """Evidence and odds by a print, this many clusters wide, so far off the other's in b*, but on FACE."""
     pairs = np.concatenate([np.stack([each[:-1], each[1:]]) for each in (FRONT, BACK)], axis=1)
     weight = np.append(np.full(len(pairs[0]), 0.9), np.full(600, opposite))
     first, second = np.concatenate([pairs, [FRONT, BACK]], axis=1)
