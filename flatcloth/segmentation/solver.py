@@ -236,15 +236,15 @@ class SideSolver:
 
         Six more samples, half of them against, stand for errors that no disturbance shows: the fewest at
         which 98 % of the wrong cloth of the shared recordings is less than ``SURE``. Errors of a single
-        cluster follow from the net evidence of its neighbours; as much as all cloth of one color has counts
-        half.
+        cluster follow from the net evidence of its neighbours, as a share of what is usual.
         """
         shown, weight = self._samples(state)
         mean = weight @ shown * len(weight) / (len(weight) + 6)
         graph, side = self.observed.graph, np.sign(mean)
         agrees = np.tile(graph.weight * side[graph.first] * side[graph.second], 2)
         support = np.maximum(np.bincount(np.append(graph.first, graph.second), agrees, graph.count), 0.0)
-        probable = 0.5 + 0.5 * mean * support / (support + SETTINGS.cluster_m / SETTINGS.disturbance_m)
+        half = 2.0 * np.median(support) * (SETTINGS.cluster_m / SETTINGS.disturbance_m) ** 2
+        probable = 0.5 + 0.5 * mean * support / np.maximum(support + half, 1e-12)
         return np.where(state.excluded, 0.0, np.where(state.said != 0.0, state.said > 0.0, probable))
 
     def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:
