@@ -154,7 +154,7 @@ def stroke_where_asked(
     if place is None:
         return None
     seen, view = truth[place.view_index], solver.observed.views[place.view_index]
-    shown = np.argwhere(seen.side)  # where the pixel shows none, he strokes the nearest that does
+    shown = np.argwhere(np.where(view.cluster < 0, 0, seen.side))  # he strokes the nearest that shows any
     off = np.linalg.norm(shown - np.subtract(place.rc, view.offset_rc), axis=1)
     row, col = shown[off.argmin()]
     return ImageStroke(

@@ -12,6 +12,7 @@ from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.observed import Evidence
+from flatcloth.segmentation.settings import SETTINGS
 
 
 def under(observed: Evidence, stroke: ImageStroke | SpaceStroke, name: str) -> Int64:
@@ -58,8 +59,6 @@ def _under_image(observed: Evidence, stroke: ImageStroke, name: str) -> Int64:
     (line,) = _densified(points, 1.0)
     low = np.maximum(np.floor(line.min(axis=0) - radius_px).astype(int), 0)
     high = np.minimum(np.ceil(line.max(axis=0) + radius_px).astype(int) + 1, (rows, cols))
-    if (high <= low).any():
-        return np.empty(0, dtype=np.int64)
     across = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]), indexing="ij")
     grid = np.stack(across, axis=-1).reshape(-1, 2)
     distance, nearest = cKDTree(line).query(grid)
@@ -67,7 +66,7 @@ def _under_image(observed: Evidence, stroke: ImageStroke, name: str) -> Int64:
     # The brush paints only the layer under its line, not layers next to it or behind it.
     here = np.clip(np.rint(line[nearest]).astype(int), 0, (rows - 1, cols - 1))
     depth, own = view.depth_m[grid[:, 0], grid[:, 1]], view.depth_m[here[:, 0], here[:, 1]]
-    painted = (own > 0) & (np.abs(depth - own) <= observed.config.near_m)
+    painted = (own > 0) & (np.abs(depth - own) <= SETTINGS.near_m)
     label = view.cluster[grid[painted, 0], grid[painted, 1]]
     return np.unique(label[label >= 0]).astype(np.int64)
 
@@ -81,7 +80,7 @@ def beyond(observed: Evidence, cut: Cut, of_interest: Bool, name: str) -> Int64:
         If the line does not divide the cloth, or nothing lies beyond it.
     """
     graph, clusters = observed.graph, observed.clusters
-    width_m = 2.0 * observed.config.cluster_m
+    width_m = 2.0 * SETTINGS.cluster_m
     wall = _near_line(observed, cut.points_m, cut.normals, width_m)
     begin = _nearest(observed, cut.beyond_m, cut.beyond_normal, of_interest & ~wall)
     if begin is None:
@@ -107,9 +106,7 @@ def beyond(observed: Evidence, cut: Cut, of_interest: Bool, name: str) -> Int64:
 
 
 def _nearest(observed: Evidence, point: Sequence[float], normal: Sequence[float], among: Bool) -> int | None:
-    chosen = np.flatnonzero(
-        among & (observed.clusters.normal @ np.asarray(normal) > observed.config.alike_cos)
-    )
+    chosen = np.flatnonzero(among & (observed.clusters.normal @ np.asarray(normal) > SETTINGS.alike_cos))
     if not chosen.size:
         return None
     distance = np.linalg.norm(observed.clusters.place_m[chosen] - np.asarray(point), axis=1)
@@ -121,12 +118,12 @@ def _near_line(
 ) -> Bool:
     """Clusters (M,) within the radius of a line on the cloth, whose normals are alike."""
     drawn, facing = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
-    line, turned = _densified(drawn, 0.5 * observed.config.cluster_m, facing)
-    farthest_m = max(radius_m, observed.config.cluster_m)
+    line, turned = _densified(drawn, 0.5 * SETTINGS.cluster_m, facing)
+    farthest_m = max(radius_m, SETTINGS.cluster_m)
     distance, at = cKDTree(line).query(observed.clusters.place_m, distance_upper_bound=farthest_m)
     near = np.isfinite(distance)
     alike = np.zeros(len(near), dtype=np.bool_)
-    alike[near] = (observed.clusters.normal[near] * turned[at[near]]).sum(axis=1) > observed.config.alike_cos
+    alike[near] = (observed.clusters.normal[near] * turned[at[near]]).sum(axis=1) > SETTINGS.alike_cos
     return alike
 
 

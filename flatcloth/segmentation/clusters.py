@@ -18,7 +18,7 @@ from flatcloth.core.compiled import njit
 from flatcloth.core.graphs import cell_of, grouped
 from flatcloth.core.types import Float32, Float64, Int32, Int64
 from flatcloth.registration.axis import THREADS
-from flatcloth.segmentation.settings import SegmentationConfig
+from flatcloth.segmentation.settings import SETTINGS
 
 Uint32 = NDArray[np.uint32]
 Place = Float32 | Float64 | tuple[float, ...]
@@ -51,9 +51,7 @@ class Clusters:
         return len(self.place_m)
 
 
-def gather(
-    points_m: Float32, normals: Float32, facing: Float32, noise_m: float, config: SegmentationConfig
-) -> Clusters:
+def gather(points_m: Float32, normals: Float32, facing: Float32, noise_m: float) -> Clusters:
     """Cluster the surface pixels of all views.
 
     Parameters
@@ -65,17 +63,15 @@ def gather(
         join them.
     noise_m : float
         Noise of the depth.
-    config : SegmentationConfig
-        Sizes.
 
     Notes
     -----
     Takes about 0.7 s for 1.2 million pixels.
     """
     limits = _Limits(
-        radius_m=config.cluster_m,
-        offset_m=max(config.cluster_m / 4.0, config.cluster_noise * noise_m),
-        least_cos=config.alike_cos,
+        radius_m=SETTINGS.cluster_m,
+        offset_m=max(SETTINGS.cluster_m / 4.0, SETTINGS.cluster_noise * noise_m),
+        least_cos=SETTINGS.alike_cos,
     )
     # A stable argsort of floats takes much longer than to sort their bits, followed by their numbers.
     keys = (~facing.view(np.uint32)).astype(np.uint64) << 32 | np.arange(len(facing), dtype=np.uint64)

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from flatcloth.core.types import Float64
 from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.relations import SignedGraph
-from flatcloth.segmentation.settings import SegmentationConfig
+from flatcloth.segmentation.settings import SETTINGS
 
 
 def averaged(graph: SignedGraph, values: Float64, times: int) -> Float64:
@@ -28,9 +28,7 @@ def averaged(graph: SignedGraph, values: Float64, times: int) -> Float64:
     return values
 
 
-def alike_in_color(
-    clusters: Clusters, graph: SignedGraph, chroma: Float64, config: SegmentationConfig
-) -> tuple[Float64, float]:
+def alike_in_color(clusters: Clusters, graph: SignedGraph, chroma: Float64) -> tuple[Float64, float]:
     """Return the evidence (M,) that a cluster lies on the one side, positive, or the other, by its color.
 
     The second number is the probability that the colors of the sides differ at all. ``chroma`` (M, 2) are the
@@ -46,7 +44,7 @@ def alike_in_color(
     a, b, weight = graph.first[pairs], graph.second[pairs], -graph.weight[pairs]
     if not weight.size:
         return np.zeros(graph.count), 0.0
-    times = round((config.disturbance_m / config.cluster_m) ** 2)  # a random walk goes as far
+    times = round((SETTINGS.disturbance_m / SETTINGS.cluster_m) ** 2)  # a random walk goes as far
     color = averaged(graph, chroma, times)
     color = color - np.average(0.5 * (color[a] + color[b]), axis=0, weights=weight)
     share = weight / weight.sum()
@@ -56,11 +54,23 @@ def alike_in_color(
     found, directions = eigh(apart, spread + np.eye(2) / 12)  # colors are whole numbers
     correlation = min(1.0 - 0.5 * float(found[-1]), 0.0)
     within = 1.0 + correlation
-    cell = np.floor(clusters.place_m[a] / config.disturbance_m).astype(np.int64)
+    cell = np.floor(clusters.place_m[a] / SETTINGS.disturbance_m).astype(np.int64)
     shares = np.bincount(np.unique(cell, axis=0, return_inverse=True)[1].ravel(), share)
     count = 1.0 / float((shares**2).sum())
     odds = -0.5 * count * np.log(within * (1.0 - correlation)) - np.log(count)
     position = color @ directions[:, -1]
     sure = np.tanh(np.sqrt(-correlation) * position / within)
     # As much cloth as is alike in color counts as one link.
-    return config.cluster_m / config.disturbance_m * sure, 1.0 / (1.0 + float(np.exp(-odds)))
+    return SETTINGS.cluster_m / SETTINGS.disturbance_m * sure, 1.0 / (1.0 + float(np.exp(-odds)))
+
+
+def odds_by_color(graph: SignedGraph, chroma: Float64, alike: Float64) -> Float64:
+    """Return the log odds (M,) of the one side by the colors of each cluster and its neighbours.
+
+    Colors, in steps of 6, are counted where ``alike``, from :func:`alike_in_color`, is positive and where it
+    is negative. So a small face amid cloth of the other color is told.
+    """
+    kind = np.unique(chroma // 6, axis=0, return_inverse=True)[1].ravel()
+    one, other = (np.bincount(kind, side * alike > 0.0) + 2.0 for side in (1.0, -1.0))
+    odds = np.clip(np.log(one / one.sum()) - np.log(other / other.sum()), -4.0, 4.0)
+    return averaged(graph, odds[kind, None], 2)[:, 0]

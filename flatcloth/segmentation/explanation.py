@@ -8,6 +8,7 @@ import numpy as np
 
 from flatcloth.core.types import Bool, Float64, Int64, RotationAxis
 from flatcloth.segmentation.observed import Evidence
+from flatcloth.segmentation.settings import SETTINGS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +34,8 @@ def telling_slice(observed: Evidence, axis: RotationAxis) -> Slice:
     height = offset @ axis.direction
     middle = 0.5 * (height[g.first] + height[g.second])[g.weight < 0]
     # A slice is as high as a cluster's radius, so that each layer is shown about once.
-    slices = np.floor(height / observed.config.cluster_m)
-    fullest, pairs = np.unique(np.floor(middle / observed.config.cluster_m), return_counts=True)
+    slices = np.floor(height / SETTINGS.cluster_m)
+    fullest, pairs = np.unique(np.floor(middle / SETTINGS.cluster_m), return_counts=True)
     inside: Bool = slices == fullest[pairs.argmax()] if fullest.size else slices == np.median(slices)
     number = np.where(inside, np.cumsum(inside) - 1, -1)
     both = inside[g.first] & inside[g.second]

@@ -15,7 +15,7 @@ from flatcloth.flattening.surface import NOISELESS_STD_M
 from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.color import averaged
 from flatcloth.segmentation.relations import SignedGraph, back_to_back
-from flatcloth.segmentation.settings import SegmentationConfig
+from flatcloth.segmentation.settings import SETTINGS
 
 _TWO_LAYERS = 30.0
 """Percentile of the measured thicknesses that is taken as that of two touching layers. Chosen: on recordings
@@ -26,9 +26,7 @@ _AROUND = 12
 """Iterations of averaging with the neighbours. Chosen: this covers about 2 cm."""
 
 
-def inner_faces(
-    clusters: Clusters, graph: SignedGraph, lightness: Float64, config: SegmentationConfig, *, noisy: bool
-) -> Int64:
+def inner_faces(clusters: Clusters, graph: SignedGraph, lightness: Float64, *, noisy: bool) -> Int64:
     """Return for clusters (M,) that probably lie on an inner face the number of the face; -1 elsewhere.
 
     Parameters
@@ -39,12 +37,10 @@ def inner_faces(
         The evidence; positive edges join clusters of one face.
     lightness : (M,) float64
         CIE L* of the clusters.
-    config : SegmentationConfig
-        Sizes.
     noisy : bool
         Whether most views have a sensor's noise.
     """
-    a, b, depth_m, sure = back_to_back(clusters, config.near_m, config)
+    a, b, depth_m, sure = back_to_back(clusters, SETTINGS.near_m)
     ends = np.append(a, b)
     weight = np.bincount(ends, np.tile(sure, 2), clusters.count).astype(np.float64)
     thickness_m = np.bincount(ends, np.tile(sure * depth_m, 2), clusters.count) / np.maximum(weight, 1e-12)
@@ -56,5 +52,5 @@ def inner_faces(
     thin_around, light_around = averaged(graph, values, _AROUND).T
     inner: Bool = ((thin_around if noisy else values[:, 0]) > 0.0) & (light_around < np.median(light_around))
     face = graph.components((graph.weight > 0) & inner[graph.first] & inner[graph.second])
-    inner &= np.bincount(face)[face] >= config.least_region
+    inner &= np.bincount(face)[face] >= SETTINGS.least_region
     return np.where(inner, face, -1).astype(np.int64)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -36,7 +35,7 @@ from flatcloth.segmentation.clusters import Clusters, gather
 from flatcloth.segmentation.inner import inner_faces
 from flatcloth.segmentation.item import CutOff, checked, find_item
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
-from flatcloth.segmentation.settings import SegmentationConfig
+from flatcloth.segmentation.settings import SETTINGS
 
 _T = TypeVar("_T", np.float32, np.int32)
 _LOOK = 2
@@ -94,7 +93,6 @@ class Evidence:
     inner: Int64
     cut_off: tuple[CutOff, ...]
     noisy: bool
-    config: SegmentationConfig
 
     @property
     def start_view(self) -> int:
@@ -107,7 +105,6 @@ def gather_evidence(
     axis: RotationAxis,
     held_point_m: Float64,
     config: Config,
-    settings: SegmentationConfig | None = None,
     progress: Progress = no_progress,
     confirmed: bool = False,
 ) -> Evidence:
@@ -123,8 +120,6 @@ def gather_evidence(
         Where the item is held.
     config : Config
         Of surface and registration.
-    settings : SegmentationConfig, optional
-        Of the segmentation.
     progress : callable
         Called with the share of the work that is done; may raise ``CancelledError``.
     confirmed : bool
@@ -138,7 +133,6 @@ def gather_evidence(
     at = {frame.view_index: n for n, frame in enumerate(frames)}
     if len(at) != len(frames):
         raise SegmentationError("Two frames have the same view number; give each view once.")
-    settings = settings or SegmentationConfig()
     looking = "looking for the item"
     item = find_item(frames, axis, held_point_m, config.surface, lambda: progress(0.0, looking))
     crops = [crop_to_item(frame, own) for frame, own in zip(frames, item.masks, strict=True) if own.any()]
@@ -157,20 +151,17 @@ def gather_evidence(
         of_views.append(_points_of(surface, pose))
     points, normals, cos = (np.concatenate(each) for each in zip(*of_views, strict=True))
     del crops, of_views, surface
-    clusters = gather(points, normals, cos, noise_m, settings)
+    clusters = gather(points, normals, cos, noise_m)
     sums = [np.bincount(clusters.of_pixel + 1, each)[1:] for each in np.concatenate(colors).T]
     mean = np.stack(sums, axis=1) / clusters.pixels[:, None]
     facing, labels = _images(cos, seen, 0.0), _images(clusters.of_pixel, seen, -1)
     del points, normals, colors
     with ThreadPoolExecutor(THREADS) as pool:
         links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
-        graph = signed_graph(clusters, links, settings)
-        inner = pool.submit(inner_faces, clusters, graph, mean[:, 0], settings, noisy=noisy)
+        graph = signed_graph(clusters, links)
+        inner = pool.submit(inner_faces, clusters, graph, mean[:, 0], noisy=noisy)
         masks = ((item.masks[n], item.outlined[n]) for n in (at[view.view_index] for view in seen))
-        views = {
-            view.view_index: view
-            for view in pool.map(_view, seen, masks, labels, facing, itertools.repeat(settings))
-        }
+        views = {view.view_index: view for view in pool.map(_view, seen, masks, labels, facing)}
     progress(0.8, "sides")
     return Evidence(
         views=views,
@@ -181,7 +172,6 @@ def gather_evidence(
         inner=inner.result(),
         cut_off=item.cut_off,
         noisy=noisy,
-        config=settings,
     )
 
 
@@ -270,9 +260,7 @@ def _points_of(surface: Surface, pose: Rigid3) -> tuple[Float32, Float32, Float3
     return pose.apply(xyz_m).astype(np.float32), pose.turn(normal).astype(np.float32), cos.astype(np.float32)
 
 
-def _view(
-    seen: _Seen, masks: tuple[Bool, Bool], label: Int32, facing: Float32, settings: SegmentationConfig
-) -> ObservedView:
+def _view(seen: _Seen, masks: tuple[Bool, Bool], label: Int32, facing: Float32) -> ObservedView:
     top, left = seen.offset_rc
     rows, cols = seen.depth_m.shape
     item, outlined = (mask[top : top + rows, left : left + cols] for mask in masks)
@@ -280,7 +268,7 @@ def _view(
     area = np.zeros(label.shape, dtype=np.float32)
     known = label >= 0
     area[known] = seen.depth_m[known] ** 2 / (k.fx * k.fy) / facing[known]
-    near = filled(label, seen.depth_m, item, settings)
+    near = filled(label, seen.depth_m, item)
     return ObservedView(
         view_index=seen.view_index,
         offset_rc=seen.offset_rc,
@@ -297,7 +285,7 @@ def _view(
     )
 
 
-def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationConfig) -> Int32:
+def filled(label: Int32, depth_m: Float32, item: Bool) -> Int32:
     """Assign pixels of the item without a cluster to that of a near pixel on the same layer.
 
     Pixels near rims and holes, and steep ones, form no clusters. They take the cluster of the nearest pixel
@@ -311,7 +299,7 @@ def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationCon
     at = np.zeros(int(nearest.max()) + 1, dtype=np.int64)
     at[nearest[label >= 0]] = np.flatnonzero(label >= 0)
     source = at[nearest]
-    alike = np.abs(depth_m.ravel()[source] - depth_m) <= settings.near_m
+    alike = np.abs(depth_m.ravel()[source] - depth_m) <= SETTINGS.near_m
     taken = item & (label < 0) & alike
     result[taken] = label.ravel()[source[taken]]
     return result

@@ -62,7 +62,7 @@ def _opposite_share(observed: Evidence, given: Bool) -> Float32:
     # Where the masks end, this side ends: neighbours over their border are no evidence of one side.
     kept = (graph.weight < 0) | (given[graph.first] == given[graph.second])
     clamped = replace(graph, first=graph.first[kept], second=graph.second[kept], weight=graph.weight[kept])
-    divisions = Divisions(clamped, observed.clusters.place_m, observed.config)
+    divisions = Divisions(clamped, observed.clusters.place_m)
     samples = divisions.sides(given.astype(np.float64))
     share: Float32 = 0.5 - 0.5 * samples.mean(axis=0, dtype=np.float32)
     return share

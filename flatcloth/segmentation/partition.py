@@ -17,7 +17,7 @@ from scipy.sparse import coo_matrix
 from flatcloth.core.types import Float32, Float64, Int64
 from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.relations import SignedGraph
-from flatcloth.segmentation.settings import SegmentationConfig
+from flatcloth.segmentation.settings import SETTINGS
 
 Int8 = NDArray[np.int8]
 
@@ -80,18 +80,12 @@ class Divisions:
         The evidence.
     place_m : (M, 3) float64
         Where the nodes lie.
-    config : SegmentationConfig
-        Number of divisions, and size of the disturbance.
     color : (M,) float64 and float, optional
         Evidence of the side by color, and its probability: the share of the divisions that it is used in.
     """
 
     def __init__(
-        self,
-        graph: SignedGraph,
-        place_m: Float64,
-        config: SegmentationConfig,
-        color: tuple[Float64, float] | None = None,
+        self, graph: SignedGraph, place_m: Float64, color: tuple[Float64, float] | None = None
     ) -> None:
         side, part = divided(graph.count, graph.first, graph.second, graph.weight, _CORE_NODES)
         random = np.random.default_rng(0)
@@ -99,7 +93,6 @@ class Divisions:
         # One more node, the last one, stands for the color of a side.
         self._side, self._core = np.append(side, 1.0), np.append(part, part.max() + 1)
         self._cores = int(self._core[-1]) + 1
-        self._config, self._size = config, np.bincount(self._core[:-1], minlength=self._cores)
         first = np.append(graph.first, np.arange(graph.count))
         second = np.append(graph.second, np.full(graph.count, graph.count))
         weight = np.append(graph.weight, alike)
@@ -113,12 +106,12 @@ class Divisions:
         self._weight = weight[between] * self._side[first] * self._side[second]
         joins = colored | (weight[between] > 0)
         self._factors: list[Float32] = []
-        for _ in range(config.samples):
+        for _ in range(SETTINGS.samples):
             shift, factor = random.uniform(size=3), random.standard_normal(count)
-            cell = np.floor(middle / (4.0 * config.disturbance_m) + shift).astype(np.int64)
+            cell = np.floor(middle / (8 * SETTINGS.disturbance_m) + shift).astype(np.int64)
             spot = (cell @ np.array([73856093, 19349663, 83492791]) + joins) % max(count, 1)
-            counts = ~colored | (len(self._factors) < probability * config.samples)
-            self._factors.append((counts * np.exp(2.0 * factor)[spot]).astype(np.float32))
+            counts = ~colored | (len(self._factors) < probability * SETTINGS.samples)
+            self._factors.append((counts * np.exp(3.0 * factor)[spot]).astype(np.float32))
 
     def sides(self, known: Float64, before: Int8 | None = None) -> Int8:
         """Return the sides (K, M) in each division, 1 or -1.
@@ -130,25 +123,20 @@ class Divisions:
         known : (M,) float64
             The sides that are known, +1 or -1; 0 for others.
         before : (K, M) int8, optional
-            Divisions under fewer conditions. Those that agree with what is known now are kept. In the others,
-            cloth whose side was sure tends to stay: the area of one disturbance weighs as much as one link.
+            Divisions under fewer conditions. Those that agree with what is known now are kept.
         """
 
         def division(k: int) -> Int8:
-            pull = _KNOWN * held
-            if before is not None:
-                earlier = self._of_cores(before[k])
-                if not (earlier * held < 0.0).any():
-                    kept: Int8 = before[k]
-                    return kept
-                pull = np.where(held == 0.0, area * earlier, pull)
+            if before is not None and not (self._of_cores(before[k]) * held < 0.0).any():
+                kept: Int8 = before[k]
+                return kept
             weight = np.bincount(self._pair, self._weight * self._factors[k], len(self._first))
-            at, last = np.flatnonzero(pull), self._cores  # one more node stands for side +1
+            at, last = np.flatnonzero(held), self._cores  # one more node stands for side +1
             side, part = divided(
                 last + 1,
                 np.concatenate([self._first, at]),
                 np.concatenate([self._second, np.full(len(at), last)]),
-                np.concatenate([weight, pull[at]]),
+                np.concatenate([weight, _KNOWN * held[at]]),
             )
             root = np.unique(part, return_index=True)[1]
             root[part[-1]] = last
@@ -157,10 +145,6 @@ class Divisions:
             return found
 
         held = self._of_cores(known)
-        if before is not None:
-            mean = np.bincount(self._core[:-1], before.mean(axis=0) * self._side[:-1], self._cores)
-            sure = np.abs(mean) > (2.0 * self._config.sure - 1.0) * self._size
-            area = sure * self._size * (self._config.cluster_m / self._config.disturbance_m) ** 2
         with ThreadPoolExecutor(THREADS) as pool:
             return np.stack(list(pool.map(division, range(len(self._factors)))))
 

@@ -18,7 +18,7 @@ from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT
 from flatcloth.segmentation.clusters import Clusters
-from flatcloth.segmentation.settings import SegmentationConfig
+from flatcloth.segmentation.settings import SETTINGS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +69,7 @@ def _joined(links: list[Links]) -> Links:
     return np.concatenate(first), np.concatenate(second), np.concatenate(facing)
 
 
-def signed_graph(clusters: Clusters, links: list[Links], config: SegmentationConfig) -> SignedGraph:
+def signed_graph(clusters: Clusters, links: list[Links]) -> SignedGraph:
     """Return the evidence from neighbours and from opposite layers.
 
     Parameters
@@ -78,8 +78,6 @@ def signed_graph(clusters: Clusters, links: list[Links], config: SegmentationCon
         The clusters of all views.
     links : list of Links
         Of each view.
-    config : SegmentationConfig
-        Limits.
     """
     one, other, facing = _joined(links)
     # Evidence does not grow with the number of views; at a steep incidence it is weak.
@@ -89,10 +87,10 @@ def signed_graph(clusters: Clusters, links: list[Links], config: SegmentationCon
     chord = clusters.place_m[second] - clusters.place_m[first]
     chord /= np.maximum(np.linalg.norm(chord, axis=1), 1e-9)[:, None]
     turn = ((clusters.normal[first] - clusters.normal[second]) * chord).sum(axis=1)
-    sharp = np.maximum(-turn - config.convex, 0.0) / config.convex
-    weight = np.exp(-(sharp**2)) * seen / (seen + config.link_facing)
-    front, back, depth, against = back_to_back(clusters, config.layers_m, config)
-    against *= 1.0 - np.abs(depth) / config.layers_m
+    sharp = np.maximum(-turn - SETTINGS.convex, 0.0) / SETTINGS.convex
+    weight = np.exp(-(sharp**2)) * seen / (seen + SETTINGS.link_facing)
+    front, back, depth, against = back_to_back(clusters, SETTINGS.layers_m)
+    against *= 1.0 - np.abs(depth) / SETTINGS.layers_m
     return SignedGraph(
         count=clusters.count,
         first=np.concatenate([first, front]),
@@ -101,25 +99,23 @@ def signed_graph(clusters: Clusters, links: list[Links], config: SegmentationCon
     )
 
 
-def back_to_back(
-    clusters: Clusters, most_m: float, config: SegmentationConfig
-) -> tuple[Int64, Int64, Float64, Float64]:
+def back_to_back(clusters: Clusters, most_m: float) -> tuple[Int64, Int64, Float64, Float64]:
     """Return pairs of clusters (P,), (P,) that face away from each other, their distance and weight (P,).
 
     The distance is along their normals, at most ``most_m``, and negative where errors put one in front of the
     other. The weight is below 1.
     """
-    farthest_m = float(np.hypot(most_m, config.cluster_m))
+    farthest_m = float(np.hypot(most_m, SETTINGS.cluster_m))
     a, b = cKDTree(clusters.place_m).query_pairs(farthest_m, output_type="ndarray").astype(np.int64).T
-    turned = (clusters.normal[a] * clusters.normal[b]).sum(axis=1) < -config.alike_cos
+    turned = (clusters.normal[a] * clusters.normal[b]).sum(axis=1) < -SETTINGS.alike_cos
     a, b = a[turned], b[turned]
     offset = clusters.place_m[b] - clusters.place_m[a]
     axis = clusters.normal[a] - clusters.normal[b]
     axis /= np.linalg.norm(axis, axis=1)[:, None]
     depth: Float64 = -(offset * axis).sum(axis=1)
     across = np.sqrt(np.maximum((offset**2).sum(axis=1) - depth**2, 0.0))
-    kept = (depth < most_m) & (depth > -config.layers_m) & (across < config.cluster_m)
+    kept = (depth < most_m) & (depth > -SETTINGS.layers_m) & (across < SETTINGS.cluster_m)
     a, b = a[kept], b[kept]
     pixels = np.minimum(clusters.pixels[a], clusters.pixels[b])
     facing = np.minimum(clusters.facing[a], clusters.facing[b])
-    return a, b, depth[kept], facing**4 * pixels / (pixels + config.enough_pixels)
+    return a, b, depth[kept], facing**4 * pixels / (pixels + SETTINGS.enough_pixels)

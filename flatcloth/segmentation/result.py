@@ -133,11 +133,6 @@ class Segmentation:
         return zlib.crc32(np.packbits(self.side[seen.shows] == OF_INTEREST).tobytes())
 
 
-def views_showing(observed: Evidence, clusters: Bool) -> tuple[int, ...]:
-    """Return the views in which any of the clusters (M,) is seen."""
-    return tuple(n for n, view in sorted(observed.views.items()) if clusters[view.shows].any())
-
-
 def best_view(observed: Evidence, cluster: int) -> tuple[int, tuple[int, int]] | None:
     """Return the view that shows a cluster largest, and the pixel in its middle."""
     best: tuple[int, int, tuple[int, int]] | None = None

@@ -39,16 +39,17 @@ class SegmentationConfig:
     """Divisions by disturbed evidence; the certainty is computed from them."""
     disturbance_m: float = 0.05
     """Errors of the evidence of a pair, and prints, are alike over this distance; errors along a seam in
-    smooth cloth, by which the evidence is disturbed (standard deviation: a factor e squared), over four times
+    smooth cloth, by which the evidence is disturbed (standard deviation: a factor e cubed), over eight times
     as much."""
     least_region: int = 30
     """Fewest clusters of an inner face. Chosen."""
     least_certainty: float = 0.7
     """Cloth with a lower certainty is undecided, and not part of the shape."""
-    sure: float = SURE
-    """If cloth of a higher certainty is turned over, its area is reported."""
 
     @property
     def near_m(self) -> float:
         """Places farther apart, or in depth, belong to different cloth."""
         return 2.0 * self.cluster_m
+
+
+SETTINGS = SegmentationConfig()

@@ -5,7 +5,6 @@ import pytest
 
 from flatcloth.segmentation.partition import Divisions
 from flatcloth.segmentation.relations import SignedGraph
-from flatcloth.segmentation.settings import SegmentationConfig
 
 ROWS = COLS = 30
 STEP_M = 0.006
@@ -28,7 +27,7 @@ def divisions_of(*pairs, color=None):
     row, col = np.divmod(np.arange(count), COLS)
     places = STEP_M * np.stack([row, col, np.zeros(count)], axis=1)
     graph = SignedGraph(count=count, first=first, second=second, weight=weight)
-    return Divisions(graph, places, SegmentationConfig(), color)
+    return Divisions(graph, places, color)
 
 
 def sides(divisions, count, before=None, **known):

@@ -8,7 +8,6 @@ import pytest
 from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.inner import inner_faces
 from flatcloth.segmentation.relations import SignedGraph
-from flatcloth.segmentation.settings import SegmentationConfig
 
 STEP_M, COLS, ROWS, FLAP = 0.006, 20, 24, 5
 TWO_LAYERS_M = 0.0016
@@ -46,7 +45,7 @@ def garment(two_layers_m=TWO_LAYERS_M, noise_m=0.0):
 
 def found(clusters, graph, face, dark=60.0, *, noisy=False):
     """Return the inner faces; light falls on all but the inner one."""
-    return inner_faces(clusters, graph, np.where(face == 1, dark, 100.0), SegmentationConfig(), noisy=noisy)
+    return inner_faces(clusters, graph, np.where(face == 1, dark, 100.0), noisy=noisy)
 
 
 @pytest.mark.parametrize(("two_layers_m", "noise_m"), [(0.0016, 0.0), (0.0016, 0.0003), (0.004, 0.001)])

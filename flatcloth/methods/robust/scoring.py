@@ -66,8 +66,7 @@ def refined(pairs: ClothPairs | None, motion: Rigid2) -> Rigid2:
 def cloth_pairs(shape: Shape, sampled: SampledComponent) -> ClothPairs | None:
     """Return the nodes of the main piece that the component shows; None if there is none."""
     target = np.where((sampled.node >= 0)[:, None], shape.uv_m[sampled.node], np.nan)
-    at = np.flatnonzero(np.isfinite(target[:, 0]))
-    if not at.size:
+    if not (at := np.flatnonzero(np.isfinite(target[:, 0]))).size:
         return None
     return ClothPairs(
         shape_uv_m=target[at],
@@ -82,7 +81,8 @@ def _share_on_other_cloth(shape: Shape, sampled: SampledComponent, motion: Rigid
 
     As ``flatcloth.shape.pieces`` has it for the cloth of a shape.
     """
-    own = np.flatnonzero(shape.placed)
+    if not (own := np.flatnonzero(shape.placed)).size:
+        return 0.0
     away_m, nearest = cKDTree(shape.uv_m[own]).query(motion.apply(sampled.uv_m))
     apart_m = np.linalg.norm(shape.nodes.xyz_m[own[nearest]] - sampled.xyz_m, axis=1)
     return float(((away_m < TWICE_M) & (apart_m > 3.0 * TWICE_M)).mean())
