@@ -83,7 +83,9 @@ def decided(
     names = set(fit.kind.named(fit.parameters[:, None]))
     own = tuple(pull for pull in pulls if pull.name in names)
     if fit is found.fit and not own:
-        return replace(found, by_hand=by_hand)
+        share = found.probabilities[fit.kind.name] if by_hand == fit.kind.name else 1.0  # now it is sure
+        pieces = tuple(replace(piece, probability=piece.probability / share) for piece in found.pieces)
+        return replace(found, by_hand=by_hand, pieces=pieces)
     if own:
         fit = held_fit(fit, evidence[0], own)
     points = points_of(fit, shape, evidence[0], {pull.name: (pull.uv_m, HELD_STD_M) for pull in own})

@@ -21,15 +21,7 @@ from flatcloth.core.geometry import widest_gap_deg
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
-from flatcloth.garments.fit import (
-    OUTLINE_STD_M,
-    STARTS,
-    TEMPERATURE,
-    Fit,
-    Pull,
-    refine,
-    starts,
-)
+from flatcloth.garments.fit import OUTLINE_STD_M, STARTS, TEMPERATURE, Fit, Pull, refine, starts
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.model import Kind
 from flatcloth.garments.named_points import KNOWN_STD_M, Measure, Point, dimensions_of, points_of
@@ -159,7 +151,10 @@ def recognise(
         chances = {name: rest * p + prior * right[name] * (name != NONE) for name, p in chances.items()}
         fits.sort(key=lambda fit: -chances[fit.kind.name])
     best = fits[0]
-    pieces = placed.get(best.kind.name) or place_pieces(best, evidence)
+    pieces = [  # a place is as sure as the kind
+        replace(each, probability=chances[best.kind.name] * each.probability)
+        for each in placed.get(best.kind.name) or place_pieces(best, evidence)
+    ]
     if sure := [piece for piece in pieces if is_sure(piece)]:  # the largest belongs to it
         best = fits[0] = replace(sure[0].fit, energy=best.energy, log_evidence=best.log_evidence)
     points = points_of(best, shape, main)
