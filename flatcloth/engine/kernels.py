@@ -41,30 +41,29 @@ class Kernel:
         return _attribute(self.name)
 
     def compile(self) -> None:
-        """Compile it for its arguments, or find that on disk."""
+        """Compile it for its arguments, or find that on disk, also after its source was written unchanged."""
         self.dispatcher.compile(tuple(_type(argument) for argument in self.arguments))
+        for index in self._indices:
+            index.touch()
 
     @property
     def is_kept(self) -> bool:
         """Whether it is on disk, compiled since its source has changed, or nothing can be kept there."""
-        function, stats = self.dispatcher.py_func, self.dispatcher.stats
+        changed_s = Path(self.dispatcher.py_func.__code__.co_filename).stat().st_mtime
+        is_new = any(index.stat().st_mtime >= changed_s for index in self._indices)
+        return self.dispatcher.stats.cache_path is None or is_new
+
+    @property
+    def _indices(self) -> list[Path]:
+        function, folder = self.dispatcher.py_func, Path(str(self.dispatcher.stats.cache_path))
         source = Path(function.__code__.co_filename)
-        kept = Path(str(stats.cache_path)).glob(f"{source.stem}.{function.__qualname__}-*.nbi")
-        changed_s = source.stat().st_mtime
-        return stats.cache_path is None or any(index.stat().st_mtime >= changed_s for index in kept)
+        return list(folder.glob(f"{source.stem}.{function.__qualname__}-*.nbi"))
 
 
 @cache
 def kernels() -> tuple[Kernel, ...]:
-    """Return the lines of the table whose functions are there."""
-    found = []
-    for line in json.loads(TABLE.read_text()):
-        kernel = Kernel(**line)
-        # A function that was renamed since is compiled when it is called; a test finds such lines.
-        with contextlib.suppress(AttributeError, ModuleNotFoundError):
-            kernel.dispatcher.py_func  # noqa: B018 - looked up
-            found.append(kernel)
-    return tuple(found)
+    """Return the lines of the table."""
+    return tuple(Kernel(**line) for line in json.loads(TABLE.read_text()))
 
 
 def shares(count: int) -> list[list[Kernel]]:

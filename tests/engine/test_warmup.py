@@ -83,6 +83,6 @@ def test_the_shares_are_the_whole_table_and_take_about_as_long() -> None:
 def test_each_kernel_of_the_table_is_there_and_takes_these_types() -> None:
     for kernel in table.kernels():
         kernel.compile()
-        assert kernel.dispatcher.signatures
+        assert kernel.is_kept
         kept = Path(kernel.dispatcher.stats.cache_path)
         assert kept.name == "__pycache__" or os.environ.get("NUMBA_CACHE_DIR")
