@@ -123,8 +123,8 @@ def recognise(
     """Find which garment a shape is.
 
     Cloth on doubtful joints may be anywhere, which its deviations say, and tells little; but more probably it
-    is where it lies. The kinds are compared both ways, and the second counts as probably as hardly any
-    evidence joins cloth rightly, unless it is none of them.
+    is where it lies. The kinds are compared both ways. The second has the prior of a joint that hardly any
+    evidence holds, and does not count if none of the kinds fits.
 
     Parameters
     ----------
