@@ -65,6 +65,7 @@ class Cylinder:
     half_height_m: float = 0.10
     square_m: float = 0.025
     masks: bool = True
+    is_growing: bool = False
     name: str = "cylinder"
     description: str = ""
     location: str = "computed"

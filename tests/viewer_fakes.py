@@ -48,6 +48,7 @@ class CylinderRecording:
     description: str = "an exact cylinder <b>not bold</b>"
     location: str = "memory"
     has_masks: bool = True
+    is_growing: bool = False
     held_point_m: Any = None
     n_views: int = 12
     intrinsics: Intrinsics = field(

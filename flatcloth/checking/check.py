@@ -134,7 +134,7 @@ def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
     findings = mask_findings(looks) if recording.has_masks else []
     background = background_findings(looks)
     findings += background
-    if not getattr(recording, "is_growing", False):  # its angles are being chosen by what they show
+    if not recording.is_growing:  # its angles are being chosen by what they show
         findings += coverage_findings([recording.angles_deg[look.view_index] for look in looks])
     findings += exposure_findings(looks)
     captured = sorted(seen, key=lambda one: one.look.view_index)

@@ -67,7 +67,7 @@ class Trust:
             return 0.0
         if _is_none(found):
             return found.probability
-        is_all = document.finished is not None and not getattr(self._recording, "is_growing", False)
+        is_all = document.finished is not None and not self._recording.is_growing
         of_none = found.probabilities.get(NONE, 0.0)
         return of_none if is_all and of_none > 1.0 - _KNOWN else 0.0
 

@@ -156,7 +156,7 @@ class RecordedViews:
             notes.append(
                 "This recording has no masks: both sides of the cloth, and its holder, may be in the shape."
             )
-        if len(self.recording) == 1 and not getattr(self.recording, "is_growing", False):
+        if len(self.recording) == 1 and not self.recording.is_growing:
             notes.append(
                 "This recording has one view: it is flattened and can be picked, but no view can be added."
             )

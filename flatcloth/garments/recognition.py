@@ -144,8 +144,8 @@ def recognise(
     if lack := _lacks(main):
         raise GarmentError(lack)
     fits, placed, chances = _compared(evidence, temperature)
-    laid = [piece.as_laid(OUTLINE_STD_M) for piece in evidence]
-    if any((one.edge_std_m > other.edge_std_m).any() for one, other in zip(evidence, laid, strict=True)):
+    if any((piece.edge_std_m > OUTLINE_STD_M).any() for piece in evidence):
+        laid = [piece.as_laid(OUTLINE_STD_M) for piece in evidence]
         right, prior = _compared(laid, temperature, fits)[2], 1.0 - float(false_share(np.zeros(1))[0])
         rest = 1.0 - prior * (1.0 - right[NONE])
         chances = {name: rest * p + prior * right[name] * (name != NONE) for name, p in chances.items()}
@@ -171,8 +171,8 @@ def recognise(
 def _compared(
     evidence: Sequence[PieceEvidence], temperature: float, before: Sequence[Fit] = ()
 ) -> tuple[list[Fit], dict[str, list[Placed]], dict[str, float]]:
-    """Return the fit of every kind, the most probable first, where likely ones have the floating pieces, and
-    the probabilities of the kinds.
+    """Return the fit of every kind, the most probable first; where likely kinds have the floating pieces; and
+    the probabilities of all kinds. The optima of fits ``before`` are starts.
     """
     main = evidence[0]
     fits = _with_witnesses(fits_of(main, before=before), [piece.sheets[0] for piece in evidence[1:]])
@@ -284,8 +284,9 @@ def probabilities_by(
     temperature: float = TEMPERATURE,
     gains: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, float]:
-    """Return the probabilities of the kinds and of :data:`NONE` by the fits to a piece, and what further
-    pieces add to the evidence of kinds: the least of these to others.
+    """Return the probabilities of the kinds and of :data:`NONE` by the fits to a piece.
+
+    ``gains`` are what further pieces add to the evidence of kinds; other kinds get the least of them.
     """
     least = min(gains.values(), default=0.0)
     logs = np.array([f.log_evidence + gains.get(f.kind.name, least) for f in fits]) / temperature

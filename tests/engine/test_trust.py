@@ -57,7 +57,7 @@ def _of(probabilities: dict[str, float]) -> Recognition:
 
 
 def _trust(focal_factor: float = 1.0) -> Trust:
-    return Trust(SimpleNamespace(mends=Mends(focal_factor=focal_factor)))  # type: ignore[arg-type]
+    return Trust(SimpleNamespace(mends=Mends(focal_factor=focal_factor), is_growing=False))  # type: ignore[arg-type]
 
 
 def _std_m(shape: Canonical) -> np.ndarray:

@@ -64,6 +64,7 @@ class Spheres:
     held_point_m: Float64 | None = None
     wall_m: float = 0.0
     has_masks: bool = False
+    is_growing: bool = False
     name: str = "spheres"
     description: str = ""
     location: str = "computed"

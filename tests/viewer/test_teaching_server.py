@@ -138,7 +138,7 @@ class Plate:
     """Two layers, 2 mm apart, without masks."""
 
     name, description, location, held_point_m = "plate", "", "plate", TOP_M
-    rotation_axis, angles_deg, has_masks, intrinsics = AXIS, EVERY_20, False, CAMERA
+    rotation_axis, angles_deg, has_masks, is_growing, intrinsics = AXIS, EVERY_20, False, False, CAMERA
 
     def __init__(self) -> None:
         self._views = plate(gripper=True)
