@@ -133,7 +133,7 @@ def service_of(found, monkeypatch, wrong=(), focal_factor=1.0):
     shape = SimpleNamespace(view=SimpleNamespace(valid=np.ones((2, 2), bool)), taken_off=frozenset())
     none = DecidedPieces(shape_from_piece={}, refused=frozenset())
     known = KnownGarment(canonical=shape, evidence=(), by_evidence=found, found=found, pieces=none)
-    recording = SimpleNamespace(mends=Mends(focal_factor=focal_factor))
+    recording = SimpleNamespace(mends=Mends(focal_factor=focal_factor), is_growing=False)
     integration = SimpleNamespace(
         recording=recording,
         is_unattended=False,
