@@ -52,11 +52,9 @@ def deviations_m(
     variance_m2 = graph.variance_m2 + STRAIN_M**2
     if ripples is not None:
         variance_m2 += np.square(OF_RIPPLES * ripples[graph.pairs].mean(axis=1) * graph.length_m)
-    fields = _smooth_fields(graph.xyz_m, random)[at.pairs.order.nodes]
+    longer_m = _longer_m(graph, np.sqrt(variance_m2), random)
     pull, order = np.zeros((3 * len(graph), DRAWS)), at.pairs.order
-    _pulled_by_errors(
-        order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, np.sqrt(variance_m2), fields, pull
-    )
+    _pulled_by_errors(order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, longer_m, pull)
     moved, z, std_m = at.displaced(np.asfortranarray(pull)), np.empty_like(at.z), np.full(len(graph), np.nan)
     z[order.nodes] = at.z
     for number in np.unique(piece[piece >= 0]).tolist():
@@ -66,35 +64,36 @@ def deviations_m(
     return std_m
 
 
-def _smooth_fields(places_m: Float64, random: np.random.Generator) -> Float64:
-    """Draw smooth random fields (N, 3, draws) of variance 1 at places (N, 3) in space."""
-    phase = places_m @ (random.standard_normal((3, _WAVES)) / REACH_M)
-    waves = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
-    return np.stack(
-        [waves @ (random.standard_normal((2 * _WAVES, DRAWS)) / math.sqrt(_WAVES)) for _ in range(3)], axis=1
-    )
+def _longer_m(graph: Graph, std_m: Float64, random: np.random.Generator) -> Float64:
+    """Draw by how much pairs are longer than measured (P, draws): by a smooth random strain of space, of
+    which pairs at an angle share the squared cosine.
+    """
+    phase = graph.xyz_m @ (random.standard_normal((3, _WAVES)) / REACH_M)
+    waves = np.concatenate([np.cos(phase), np.sin(phase)], axis=1) / math.sqrt(_WAVES)
+    strain = (waves @ random.standard_normal((2 * _WAVES, 6 * DRAWS))).reshape(-1, 6, DRAWS)
+    first, second = graph.pairs.T
+    way = graph.xyz_m[second] - graph.xyz_m[first]
+    x, y, z = (way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)).T
+    shear = math.sqrt(2.0)
+    share = np.stack([x * x, y * y, z * z, shear * x * y, shear * x * z, shear * y * z], axis=1)
+    longer_m: Float64 = np.einsum("pc,pck->pk", 0.5 * std_m[:, None] * share, strain[first] + strain[second])
+    return longer_m
 
 
 @njit(cache=True, nogil=True)
 def _pulled_by_errors(
     low: Int32, high: Int32, way: Complex128, first: Complex128, second: Complex128, weight: Float64,
-    directions: float, strength: Float64, fields: Float64, pull: Float64,
+    directions: float, longer: Float64, pull: Float64,
 ) -> None:  # fmt: skip
-    """Add how errors of all pairs pull at the unknowns (3 N, draws).
-
-    The fields (N, 3, draws) are a strain (uu, uv, vv) at the nodes, by which pairs are longer than measured.
-    """
+    """Add how errors of all pairs, ``longer`` (P, draws) than measured, pull at the unknowns (3 N, draws)."""
     for e in range(len(low)):
         i, j = 3 * low[e], 3 * high[e]
         d = max(math.hypot(way[e].real, way[e].imag), 1e-9)
         ux, uy = way[e].real / d, way[e].imag / d
         px, py, qx, qy = first[e].real, first[e].imag, second[e].real, second[e].imag
-        w, lw, s = weight[e], directions * weight[e], strength[e]
-        uu, uv, vv = 0.5 * s * ux * ux, 0.5 * s * math.sqrt(2.0) * ux * uy, 0.5 * s * uy * uy
-        f, g = fields[low[e]], fields[high[e]]
+        w, lw = weight[e], directions * weight[e]
         for k in range(pull.shape[1]):
-            along = uu * (f[0, k] + g[0, k]) + uv * (f[1, k] + g[1, k]) + vv * (f[2, k] + g[2, k])
-            x, y = ux * along, uy * along
+            x, y = ux * longer[e, k], uy * longer[e, k]
             rx, ry = (w + 2.0 * lw) * x, (w + 2.0 * lw) * y
             pull[i, k] -= rx
             pull[i + 1, k] -= ry

@@ -21,10 +21,10 @@ def deviations(graph: Graph, own: Bool | None = None, reference: Bool | None = N
     return deviations_m(laid.at, graph, every if own is None else np.where(own, 0, -1), reference)
 
 
-def with_flap(neck: int) -> tuple[Graph, Bool]:
-    """A plate and a flap of 10 x 10 nodes, joined by a strip so many nodes wide; the flap's nodes."""
-    flap = grid(10, 10, (25 * STEP_M, 5 * STEP_M))
-    strip = grid(neck, 5, (20 * STEP_M, 8 * STEP_M))
+def with_flap(neck: int, length: int = 5) -> tuple[Graph, Bool]:
+    """A plate and a flap of 10 x 10 nodes, joined by a strip so many nodes wide and long; the flap's."""
+    flap = grid(10, 10, ((20 + length) * STEP_M, 5 * STEP_M))
+    strip = grid(neck, length, (20 * STEP_M, 8 * STEP_M))
     uv = np.concatenate([PLATE, flap, strip])
     at = np.arange(len(uv))
     return exact_graph(uv), (at >= len(PLATE)) & (at < len(PLATE) + len(flap))
@@ -37,16 +37,13 @@ def test_a_patch_that_hangs_together_is_sure_to_a_few_millimetres() -> None:
     assert std_m.max() < 0.004
 
 
-def test_what_hangs_on_a_neck_is_less_sure_the_narrower_it_is() -> None:
-    found = {}
-    for neck in (10, 4, 2):
-        graph, on_flap = with_flap(neck)
+def test_what_hangs_on_a_neck_is_less_sure_the_longer_it_is() -> None:
+    found = []
+    for length in (5, 15, 30):
+        graph, on_flap = with_flap(2, length)
         std_m = deviations(graph)
-        plate = ~on_flap & (np.arange(len(graph)) < len(PLATE))
-        assert np.median(std_m[plate]) < 0.002
-        found[neck] = np.median(std_m[on_flap]) / np.median(std_m[plate])
-    assert found[10] < found[4] < found[2]
-    assert found[2] > 1.6
+        found.append(np.median(std_m[on_flap]) / np.median(std_m[: len(PLATE)]))
+    assert 1.6 < found[0] < found[1] < found[2]
 
 
 def test_deviations_grow_with_the_errors_of_pairs() -> None:
@@ -97,11 +94,15 @@ def test_ripples_that_noise_took_make_lengths_less_sure() -> None:
     assert (rippled > 2.0 * smooth).all()
 
 
-def test_a_garment_that_hangs_or_lies_elsewhere_is_about_as_sure() -> None:
+def test_deviations_do_not_depend_on_how_the_cloth_lies_on_the_plane() -> None:
+    graph, _ = with_flap(2)
+    laid = replace(graph, offset_m=graph.offset_m * np.exp(1.0j))
+    np.testing.assert_allclose(deviations(laid), deviations(graph), rtol=1e-6)
+
+
+def test_a_garment_that_hangs_elsewhere_is_about_as_sure() -> None:
     """To an eighth or two: deviations are those of a few samples."""
     graph, on_flap = with_flap(2)
     usual = np.median(deviations(graph)[on_flap])
-    laid = replace(graph, offset_m=graph.offset_m * np.exp(1.0j))
     hung = replace(graph, xyz_m=graph.xyz_m @ rotation_about(np.array([0.6, 0.0, 0.8]), 2.0))
-    for moved in (laid, hung):
-        assert np.median(deviations(moved)[on_flap]) == pytest.approx(usual, rel=0.4)
+    assert np.median(deviations(hung)[on_flap]) == pytest.approx(usual, rel=0.4)
