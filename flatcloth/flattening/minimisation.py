@@ -118,12 +118,6 @@ def minimise(
     return Minimum(uv_m=placed[-1], energy=tuple(energy), states=tuple(placed) if record else ())
 
 
-def energy_of(uv_m: Float64, edges: Int32, edge_length_m: Float64) -> float:
-    """Return H of Eq. (2), m^2."""
-    along = uv_m[edges[:, 0]] - uv_m[edges[:, 1]]
-    return float(np.square(np.linalg.norm(along, axis=1) - edge_length_m).sum())
-
-
 class _Lengths:
     """H of points in the order of a band, and the steps that lower it."""
 

@@ -11,16 +11,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
 from flatcloth.shape.graph import Graph
 from flatcloth.shape.layout import LAMBDA, Minimum
 from flatcloth.shape.ripples import OF_RIPPLES
 from flatcloth.shape.shape import BULK
 
-DRAWS = 16
-"""Samples of the posterior. Chosen: deviations are right to an eighth."""
+DRAWS = 32
+"""Samples of the posterior. Chosen: deviations are right to a twelfth."""
 _WAVES = 64
 """Waves that random fields are made of. Chosen."""
 REACH_M = 0.05
@@ -52,11 +52,9 @@ def deviations_m(
     variance_m2 = graph.variance_m2 + STRAIN_M**2
     if ripples is not None:
         variance_m2 += np.square(OF_RIPPLES * ripples[graph.pairs].mean(axis=1) * graph.length_m)
-    longer_m = _longer_m(graph, np.sqrt(variance_m2), random)
-    pull, order = np.zeros((3 * len(graph), DRAWS)), at.pairs.order
-    _pulled_by_errors(order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, longer_m, pull)
-    moved, z, std_m = at.displaced(np.asfortranarray(pull)), np.empty_like(at.z), np.full(len(graph), np.nan)
-    z[order.nodes] = at.z
+    pull = _pulled_by_errors(at) @ _longer_m(graph, np.sqrt(variance_m2), random)
+    moved, z, std_m = at.displaced(pull), np.empty_like(at.z), np.full(len(graph), np.nan)
+    z[at.pairs.order.nodes] = at.z
     for number in np.unique(piece[piece >= 0]).tolist():
         own = piece == number
         firm = own[own] if reference is None or not reference[own].any() else reference[own]
@@ -80,27 +78,16 @@ def _longer_m(graph: Graph, std_m: Float64, random: np.random.Generator) -> Floa
     return longer_m
 
 
-@njit(cache=True, nogil=True)
-def _pulled_by_errors(
-    low: Int32, high: Int32, way: Complex128, first: Complex128, second: Complex128, weight: Float64,
-    directions: float, longer: Float64, pull: Float64,
-) -> None:  # fmt: skip
-    """Add how errors of all pairs, ``longer`` (P, draws) than measured, pull at the unknowns (3 N, draws)."""
-    for e in range(len(low)):
-        i, j = 3 * low[e], 3 * high[e]
-        d = max(math.hypot(way[e].real, way[e].imag), 1e-9)
-        ux, uy = way[e].real / d, way[e].imag / d
-        px, py, qx, qy = first[e].real, first[e].imag, second[e].real, second[e].imag
-        w, lw = weight[e], directions * weight[e]
-        for k in range(pull.shape[1]):
-            x, y = ux * longer[e, k], uy * longer[e, k]
-            rx, ry = (w + 2.0 * lw) * x, (w + 2.0 * lw) * y
-            pull[i, k] -= rx
-            pull[i + 1, k] -= ry
-            pull[j, k] += rx
-            pull[j + 1, k] += ry
-            pull[i + 2, k] -= lw * (px * y - py * x)
-            pull[j + 2, k] -= lw * (qx * y - qy * x)
+def _pulled_by_errors(at: Minimum) -> csr_array:
+    """Return how pairs that are longer than measured pull at the unknowns (3 N, P)."""
+    low, high, count = at.pairs.order.low, at.pairs.order.high, len(at.weight)
+    along = at.way / np.maximum(np.abs(at.way), 1e-9)
+    ends, turns = (1.0 + 2.0 * LAMBDA) * at.weight * along, [np.conj(way) * along for way in at.ways]
+    first, second = (-LAMBDA * at.weight * turn.imag for turn in turns)
+    pull = np.stack([-ends.real, -ends.imag, ends.real, ends.imag, first, second])
+    unknown = 3 * np.stack([low, low, high, high, low, high]) + np.array([0, 1, 0, 1, 2, 2])[:, None]
+    pair = np.tile(np.arange(count), 6)
+    return csr_array((pull.ravel(), (unknown.ravel(), pair)), shape=(3 * len(at.z), count))
 
 
 def _spread_m(moved: Complex128, z: Complex128, reference: Bool) -> Float64:

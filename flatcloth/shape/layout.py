@@ -158,7 +158,7 @@ class Minimum:
         """Return the displacements (N, K), u + iv, by pulls (3 N, K) on u, v and angle, in the graph's
         order.
         """
-        moved = solved(self.factor, pull)
+        moved = _solved_together(self.factor.T, pull)
         found = np.empty((len(self.z), pull.shape[1]), dtype=complex)
         found[self.pairs.order.nodes] = moved[0::3] + 1j * moved[1::3]
         return found
@@ -284,3 +284,22 @@ def _pulled(
         pull[i + 2] += lw * (px * (y - py) - py * (x - px))
         pull[j + 2] += lw * (qx * (y - qy) - qy * (x - qx))
     return energy
+
+
+@njit(cache=True, nogil=True)
+def _solved_together(factor: Float64, right: Float64) -> Float64:
+    """Solve by the transpose of a factor; LAPACK would read it again for each right-hand side (N, K)."""
+    found, (n, width), many = right.copy(), factor.shape, right.shape[1]
+    for j in range(n):
+        for c in range(many):
+            found[j, c] /= factor[j, 0]
+        for k in range(1, min(width, n - j)):
+            for c in range(many):
+                found[j + k, c] -= factor[j, k] * found[j, c]
+    for j in range(n - 1, -1, -1):
+        for k in range(1, min(width, n - j)):
+            for c in range(many):
+                found[j, c] -= factor[j, k] * found[j + k, c]
+        for c in range(many):
+            found[j, c] /= factor[j, 0]
+    return found

@@ -13,6 +13,7 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.shape.graph import Graph, Links
+from flatcloth.shape.joints import seen_often
 from flatcloth.shape.observations import Nodes, Observation
 
 PIECES_APART_M = 10.0
@@ -83,6 +84,11 @@ class Shape:
         return self.holds[self.links.pair]
 
     @property
+    def firm(self) -> Float64:
+        """(P,) evidence of flat pairs that hold that they join cloth rightly."""
+        return seen_often(np.where(self.holds, self.graph.flat, 0.0), self.graph.views)
+
+    @property
     def evidence(self) -> Float64:
         """(M,) evidence of the links that their ends are one piece of cloth; 0 for those that do not hold."""
         return np.where(self.link_holds, self.links.evidence, 0.0)
@@ -136,14 +142,12 @@ class Change:
     """What one more view changes about a shape.
 
     ``added_m2`` cloth that is new, on any piece; ``moved_m`` by how much nine tenths of the main piece's
-    cloth move at most; ``contradicted`` the share of the view's pairs that the others contradict;
-    ``made_sure_m2`` the reliable cloth of the main piece, more than before.
+    cloth move at most; ``contradicted`` the share of the view's pairs that the others contradict.
     """
 
     added_m2: float
     moved_m: float
     contradicted: float
-    made_sure_m2: float
 
 
 def change_by(view_index: int, before: Shape, after: Shape) -> Change:
@@ -152,11 +156,9 @@ def change_by(view_index: int, before: Shape, after: Shape) -> Change:
     away_m, nearest = cKDTree(after.nodes.xyz_m[new]).query(before.nodes.xyz_m[old])
     same = away_m < LEAST_INTERVAL_M
     moved_m = np.linalg.norm(before.all_uv_m[old[same]] - after.all_uv_m[new[nearest[same]]], axis=1)
-    sure_m2 = [each.node_area_m2 * int((each.std_m <= RELIABLE_M).sum()) for each in (before, after)]
     first_m2, then_m2 = (each.node_area_m2 * int(each.has_place.sum()) for each in (before, after))
     return Change(
         added_m2=then_m2 - first_m2,
         moved_m=float(np.quantile(moved_m, BULK)) if same.any() else 0.0,
         contradicted=after.contradictions.get(view_index, 0.0),
-        made_sure_m2=sure_m2[1] - sure_m2[0],
     )
