@@ -25,7 +25,6 @@ from flatcloth.engine.evaluation import (
     GarmentEvaluation,
     TruePoints,
     compare_garment,
-    garment_summary,
     look_up,
     read_true_points,
     trimmed_fit,
@@ -43,6 +42,8 @@ from flatcloth.session.garment import GarmentDecisions
 
 _WRONG_M = 0.06
 """Cloth this far from its true place lies wrong: farther than a sleeve is turned. Chosen."""
+_FAR_POINT_MM = 35.0
+"""Named points within this distance of their true place are counted. Chosen; not measured."""
 _BINS = (0.0, 0.3, 0.5, 0.7, 0.9, 1.0001)
 
 
@@ -65,6 +66,30 @@ def run(options: Options) -> None:
     written = [{"recording": name, **asdict(found), "seconds": seconds} for name, found, seconds, _ in rows]
     save("garments", {"summary": figures, "unknown": unknown, "rows": written}, names)
     save_page("garments", page_of(rows, figures, unknown), names)
+
+
+def garment_summary(rows: list[GarmentEvaluation]) -> dict[str, float]:
+    """Return the figures over several recordings."""
+    names = ("seen_mm", "unseen_mm", "normed", "dimension_errors")
+    seen, unseen, normed, sizes = (
+        np.array([e for row in rows for e in getattr(row, name).values()] or [np.nan]) for name in names
+    )
+    pieces = np.array([e for row in rows for e in row.pieces_mm] or [np.nan])
+    return {
+        "recordings": len(rows),
+        "kind_right": sum(row.kind == row.true_kind for row in rows),
+        "seen_points": int(np.isfinite(seen).sum()),
+        "seen_median_mm": float(np.median(seen)),
+        "seen_within_35_mm": float((seen <= _FAR_POINT_MM).mean()),
+        "unseen_points": int(np.isfinite(unseen).sum()),
+        "unseen_median_mm": float(np.median(unseen)),
+        "within_3_std": float((normed <= 3.0).mean()),
+        "dimensions_median": float(np.median(np.abs(sizes))),
+        "dimensions_within_3_percent": float((np.abs(sizes) <= 0.03).mean()),
+        "pieces_placed": int(np.isfinite(pieces).sum()),
+        "pieces_median_mm": float(np.median(pieces)),
+        "pieces_worst_mm": float(pieces.max()),
+    }
 
 
 def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[str, Any]]:

@@ -17,7 +17,7 @@ from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.surface import crop_to_item, foreground_mask
 from flatcloth.recordings.base import apart_deg
 from flatcloth.recordings.writer import GrowingRecording
-from flatcloth.session.machine import Keeper, paint
+from flatcloth.session.machine import Keeper
 
 _SAME_M = 0.010
 """Depths that agree: sway, noise and an angle that is off by two degrees move cloth by less. Chosen."""
@@ -124,7 +124,7 @@ def keep_side(views: RecordedViews, session: Keeper) -> None:
         return
     stroke = stroke_on_side(views)
     if stroke is not None:
-        session.record(paint(stroke))
+        session.record(stroke)
 
 
 def stroke_on_side(views: RecordedViews) -> ImageStroke | None:

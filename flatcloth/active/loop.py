@@ -44,7 +44,7 @@ from flatcloth.recordings.folder import HEADER as MANIFEST
 from flatcloth.recordings.folder import open_folder
 from flatcloth.recordings.writer import DEPTH_SCALE_M, GrowingRecording, RecordingWriter, depth_units
 from flatcloth.session.document import Document
-from flatcloth.session.header import HEADER, kept_config, take_growth
+from flatcloth.session.header import HEADER, kept_config
 from flatcloth.session.store import SessionFolder
 
 RECORDING = "recording"
@@ -247,7 +247,6 @@ class ActiveLoop:
     def _open_session(self) -> None:
         recording, folder = self._recording, self.folder
         assert recording is not None
-        take_growth(folder, recording)
         integration = integration_of(recording, self._method, kept_config(folder, self._method))
         session = SessionFolder.open(folder, recording, integration.config, self._method)
         self._stack.callback(session.close)

@@ -156,10 +156,10 @@ def integrate(
             if folder is not None:
                 keeper = SessionFolder.open(folder, recording, integration.config, name)
                 stack.callback(keeper.close)
-                settle_axis(folder, integration.views)
+                integration.views.turn_about(settle_axis(folder, integration.axis))
             take_strokes(integration.views, keeper, strokes)
         joins = sides == "both" and integration.algorithm.joins_sides
-        service = GarmentService(integration, joins=joins)
+        service = GarmentService(integration)
         run = Run(integration, keeper)
         if (show := on_view) is not None:
             run.on_view = lambda decision: show(

@@ -122,7 +122,7 @@ def opened_place(options: Options, chosen: Chosen, current: Path | None = None) 
         return None
     folder = SessionFolder.open(path, integration.recording, integration.config, method)
     try:
-        settle_axis(folder.folder, integration.views)
+        integration.views.turn_about(settle_axis(folder.folder, integration.axis))
         compile_beside()
         begin_ahead(integration, folder.state)
         # The scene's library loads only now, while the first shape is being computed.
@@ -169,7 +169,7 @@ def opened_camera(options: Options, serial: str) -> Opened:
         )
         folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
         stack.callback(folder.close)
-        settle_axis(folder.folder, integration.views)
+        integration.views.turn_about(settle_axis(folder.folder, integration.axis))
         controller = functools.partial(CaptureApplication, integration, folder, feed=feed, settings=settings)
         return Opened(integration, folder, controller=controller, close=stack.pop_all().close)
 

@@ -44,8 +44,6 @@ FAR_RELATED_M = 0.030
 """A pixel of the other side is wrong if, in relation to this side, it is farther off than this. Chosen: the
 patterns of both sides agree to 3 to 8 mm only, since cloth stretches."""
 POINTS_FORMAT = "flatcloth-truth-points/1"
-FAR_POINT_M = 0.035
-"""Named points within this distance of their true place are counted. Chosen; not measured."""
 
 
 class Truth(Protocol):
@@ -89,21 +87,7 @@ class Evaluation:
     within_3_std_share: float = math.nan
 
 
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
-    """An evaluation, and what it was made of.
-
-    ``flat_uv_m`` (K, 2) the pixels of the result, aligned to the truth; ``true_uv_m`` (K, 2) their
-    true positions; ``std_mm`` (K,) the claimed standard deviations, NaN if there are none.
-    """
-
-    evaluation: Evaluation
-    flat_uv_m: Float64
-    true_uv_m: Float64
-    std_mm: Float64
-
-
-def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int = 0) -> Comparison:
+def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int = 0) -> Evaluation:
     """Compare a flattened result with the truth.
 
     Parameters
@@ -123,58 +107,50 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
         If no pixel of the result has a true position.
     """
     at, true_uv, known = true_places(view, truth, least=3)
-    fitted = trimmed_fit(at, true_uv)
+    fitted = trimmed_motion(at, true_uv).apply(at)
     error_mm = 1e3 * np.linalg.norm(fitted - true_uv, axis=1)
     relative_mm = 1e3 * relative_errors_m(fitted, true_uv, np.random.default_rng(seed))
     reachable, origin = reachable_cells(recording, truth)
     placed = _cells(true_uv, origin, reachable.shape)
-    far = 1e3 * FAR_M
-    evaluation = Evaluation(
-        absolute_median_mm=float(np.median(error_mm)),
-        absolute_p95_mm=float(np.percentile(error_mm, 95)),
+    return Evaluation(
+        **_errors("absolute", error_mm),
         absolute_rms_mm=float(np.sqrt(np.square(error_mm).mean())),
-        absolute_far_share=float((error_mm > far).mean()),
-        relative_median_mm=float(np.median(relative_mm)),
-        relative_p95_mm=float(np.percentile(relative_mm, 95)),
-        relative_far_share=float((relative_mm > far).mean()),
+        **_errors("relative", relative_mm),
         wrong_side_share=float((~known).mean()),
         coverage=float((placed & reachable).sum() / max(int(reachable.sum()), 1)),
         pixels=int(view.valid.sum()),
-        **_of_uncertainty(at, true_uv, 1e-3 * _std_mm(view, known)),
-    )
-    return Comparison(
-        evaluation=evaluation,
-        flat_uv_m=fitted,
-        true_uv_m=true_uv,
-        std_mm=_std_mm(view, known),
+        **_of_uncertainty(at, true_uv, claimed_std_m(view, known)),
     )
 
 
-def _of_uncertainty(at_m: Float64, true_m: Float64, std_m: Float64) -> dict[str, float]:
+def _errors(of: str, error_mm: Float64, far_m: float = FAR_M) -> dict[str, Any]:
+    """Return the figures of some errors, mm."""
+    return {
+        f"{of}_median_mm": float(np.median(error_mm)),
+        f"{of}_p95_mm": float(np.percentile(error_mm, 95)),
+        f"{of}_far_share": float((error_mm > 1e3 * far_m).mean()),
+    }
+
+
+def _of_uncertainty(at_m: Float64, true_m: Float64, std_m: Float64) -> dict[str, Any]:
     """Return the evaluation of the placement uncertainty (K,), if the result has one."""
     if not np.isfinite(std_m).any():
         return {}
     error_m = np.linalg.norm(trimmed_motion(at_m, true_m, std_m).apply(at_m) - true_m, axis=1)
     firm_mm = 1e3 * error_m[std_m <= FIRM_M]
-    figures = {
+    return {
         "firm_share": float((std_m <= FIRM_M).mean()),
         "within_3_std_share": float((error_m <= 3.0 * std_m + 0.001).mean()),
+        **(_errors("firm", firm_mm) if firm_mm.size else {}),
     }
-    if firm_mm.size:
-        figures |= {
-            "firm_median_mm": float(np.median(firm_mm)),
-            "firm_p95_mm": float(np.percentile(firm_mm, 95)),
-            "firm_far_share": float((firm_mm > 1e3 * FAR_M).mean()),
-        }
-    return figures
 
 
-def _std_mm(view: FlattenedView, known: Bool) -> Float64:
-    """Return the claimed standard deviations (K,); NaN if the result has none."""
+def claimed_std_m(view: FlattenedView, known: Bool) -> Float64:
+    """Return the deviations (K,) that a result claims for pixels whose truth is known; NaN without any."""
     if view.placement_std_m is None:
         return np.full(int(known.sum()), np.nan)
-    std_mm: Float64 = 1e3 * view.placement_std_m[view.valid][known].astype(np.float64)
-    return std_mm
+    std_m: Float64 = view.placement_std_m[view.valid][known].astype(np.float64)
+    return std_m
 
 
 def true_places(view: FlattenedView, truth: Truth, least: int = 0) -> tuple[Float64, Float64, Bool]:
@@ -403,26 +379,17 @@ def compare_sides(
         for seam, found in zip(sides.seams, true_shares, strict=True)
         if not seam.why
     )
-    evaluation = compare(other, its_truth, unmasked).evaluation
+    evaluation = compare(other, its_truth, unmasked)
     if not sides.is_related:
         return SidesEvaluation(other=evaluation, **seen)
     own_at, own_true, known = true_places(this, truth)
-    true_from_this = trimmed_motion(own_at, own_true, 1e-3 * _std_mm(this, known))
+    true_from_this = trimmed_motion(own_at, own_true, claimed_std_m(this, known))
     at, true, known = true_places(other, its_truth)
     error_m = np.linalg.norm(true_from_this.apply(at * MIRROR) - true * MIRROR, axis=1)
-    std = other.placement_std_m
-    within = float("nan")
-    if std is not None:
-        std_m = std[other.valid][known]
-        within = float((error_m <= 3.0 * std_m + 0.001).mean())
-    return SidesEvaluation(
-        other=evaluation,
-        **seen,
-        related_median_mm=1e3 * float(np.median(error_m)),
-        related_p95_mm=1e3 * float(np.percentile(error_m, 95)),
-        related_far_share=float((error_m > FAR_RELATED_M).mean()),
-        related_within_3_std_share=within,
-    )
+    if other.placement_std_m is not None:
+        within = error_m <= 3.0 * claimed_std_m(other, known) + 0.001
+        seen["related_within_3_std_share"] = float(within.mean())
+    return SidesEvaluation(other=evaluation, **seen, **_errors("related", 1e3 * error_m, FAR_RELATED_M))
 
 
 def _true_matches(
@@ -570,38 +537,6 @@ def compare_garment(
             )
         ],
     )
-
-
-def garment_summary(rows: list[GarmentEvaluation]) -> dict[str, float]:
-    """Return the figures over several recordings."""
-    seen = np.array([e for row in rows for e in row.seen_mm.values()])
-    unseen = np.array([e for row in rows for e in row.unseen_mm.values()])
-    normed = np.array([e for row in rows for e in row.normed.values()])
-    sizes = np.abs([e for row in rows for e in row.dimension_errors.values()])
-    pieces = np.array([e for row in rows for e in row.pieces_mm])
-
-    def median(values: Float64) -> float:
-        return float(np.median(values)) if values.size else math.nan
-
-    def share(hits: object) -> float:
-        found = np.asarray(hits)
-        return float(found.mean()) if found.size else math.nan
-
-    return {
-        "recordings": len(rows),
-        "kind_right": sum(row.kind == row.true_kind for row in rows),
-        "seen_points": seen.size,
-        "seen_median_mm": median(seen),
-        "seen_within_35_mm": share(seen <= 1e3 * FAR_POINT_M),
-        "unseen_points": unseen.size,
-        "unseen_median_mm": median(unseen),
-        "within_3_std": share(normed <= 3.0),
-        "dimensions_median": median(sizes),
-        "dimensions_within_3_percent": share(sizes <= 0.03),
-        "pieces_placed": pieces.size,
-        "pieces_median_mm": median(pieces),
-        "pieces_worst_mm": float(pieces.max()) if pieces.size else math.nan,
-    }
 
 
 def _corners_in_order(placed: dict[str, Float64], true: dict[str, Float64]) -> dict[str, Float64]:

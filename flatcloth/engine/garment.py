@@ -72,8 +72,6 @@ from flatcloth.session.document import Document
 from flatcloth.session.garment import (
     DecidedSeam,
     DecideLink,
-    DecidePiece,
-    DecideSeam,
     GarmentDecisions,
     PlacedPiece,
     without_doubts,
@@ -168,15 +166,13 @@ class KnownGarment:
 class GarmentService:
     """Recognises the garments of an integration's shapes, and joins the other side of the item to them.
 
-    It keeps the last results. Safe for several threads.
+    It keeps the last results. Once the other side was joined, one outline is fitted to the edges of both.
+    Safe for several threads.
 
     Parameters
     ----------
     integration : Integration
         Of this side. Frames are read through it, and the other side has its axis and settings.
-    joins : bool
-        Whether decisions about the garment look at the other side. Whenever that was joined, one outline is
-        fitted to the edges of both.
     doubts_links : bool
         Whether links of this side that no garment allows are looked for, which takes seconds.
     doubts_other_links : bool
@@ -190,12 +186,11 @@ class GarmentService:
         self,
         integration: Integration,
         *,
-        joins: bool = False,
         doubts_links: bool = True,
         doubts_other_links: bool = True,
         keeps_views: bool = False,
     ) -> None:
-        self.integration, self.joins = integration, joins
+        self.integration = integration
         self._doubts_links, self._doubts_other_links = doubts_links, doubts_other_links
         self._keeps_views = keeps_views
         self._lock, self._joining = threading.Lock(), threading.Lock()
@@ -373,8 +368,8 @@ class GarmentService:
         return found if found is not None and found[0].is_related else None
 
     def sides(self, document: Document) -> JoinedSides | None:
-        """Return the sides as :meth:`other` does; they are joined first if the service ``joins`` them."""
-        if self.joins:
+        """Return the sides as :meth:`other` does; they are joined first if the other side is integrated."""
+        if self._of(document) in self._others:
             self.joined(document)
         other = self.other(document)
         return None if other is None else other[0]
@@ -600,12 +595,10 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
     return _with_sure_pieces(known, service, session)
 
 
-def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:
+def decided_seam(xyz_m: Float64, *, kept: bool) -> DecidedSeam:
     """Return the decision about a seam with places (K, 3) in the object frame, by some of them."""
     some = np.linspace(0, len(xyz_m) - 1, min(len(xyz_m), _SEAM_PLACES)).astype(np.intp)
-    return DecideSeam(
-        DecidedSeam(kept=kept, points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[some]))
-    )
+    return DecidedSeam(kept=kept, points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[some]))
 
 
 def _decide_joints(service: GarmentService, session: Keeper) -> None:
@@ -644,7 +637,7 @@ def _with_sure_pieces(known: KnownGarment, service: GarmentService, session: Kee
     decided, unsure = known.pieces, frozenset() if known.sides is None else known.sides.unsure
     for piece in known.found.pieces if known.found.kind != NONE else ():
         if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused, *unsure}:
-            session.record(DecidePiece(piece_decision(known.canonical, piece, accepted=True)))
+            session.record(piece_decision(known.canonical, piece, accepted=True))
     return service.known(session.state.document)
 
 
@@ -669,7 +662,7 @@ def known_by_both(
     then it is known by this one.
     """
     service = GarmentService(
-        integration, joins=True, doubts_links=False, doubts_other_links=doubts_links, keeps_views=True
+        integration, doubts_links=False, doubts_other_links=doubts_links, keeps_views=True
     )
     service.joined(document)
     return service, None if service.other(document) is None else known_with_pieces(service, document)

@@ -1,7 +1,6 @@
 """Session folders that are removed, replaced or prepared by somebody else while or before they are used."""
 
 import json
-import math
 import os
 import shutil
 from collections.abc import Callable
@@ -14,11 +13,10 @@ from journal_script import SCRIPT, after, opened, played_in, states
 
 from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBoundsError
 from flatcloth.core.plain_files import open_own, replace_file
-from flatcloth.core.types import Rigid2, RotationAxis
+from flatcloth.core.types import Rigid2
 from flatcloth.export.history import read_history
 from flatcloth.session.document import PlacedPart
 from flatcloth.session.journal import encode
-from flatcloth.session.kept import write_axis
 from flatcloth.session.machine import Command, Event, Nudge, Propose, Proposed, Start, Started, Undo, apply
 
 # --- while it is open -----------------------------------------------------------------------------
@@ -217,14 +215,6 @@ def test_no_answer_is_about_a_view_that_does_not_exist_or_lies_beyond_any_plane(
     state = after(Start(), *answer[:-1], n_views=36)
     with pytest.raises(OutOfBoundsError):
         apply(state, answer[-1])
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e9])
-def test_an_axis_that_no_turntable_has_is_not_kept(tmp_path: Path, bad: float) -> None:
-    axis = RotationAxis(point_m=np.array([0.0, bad, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
-    with pytest.raises(JournalError, match="finite numbers"):
-        write_axis(tmp_path, axis)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_journal_with_an_absurd_number_is_refused_by_its_line(place: Path) -> None:

@@ -49,17 +49,15 @@ def test_an_estimated_axis_belongs_to_the_session(tmp_path: Path) -> None:
     bare = Cylinder(angles_deg=(0.0,), rotation_axis=None, held_point_m=None)
     made = Integration(bare)
     folder = SessionFolder.open(tmp_path / "session", bare, made.config, made.method)
-    settle_axis(folder.folder, made.views)
+    assert settle_axis(folder.folder, made.axis) is made.axis
     assert same(read_axis(folder.folder), made.axis)
     folder.close()
     write_axis(tmp_path / "session", SHIFTED)
-    resumed = Integration(bare)
-    settle_axis(tmp_path / "session", resumed.views)
-    assert same(resumed.axis, SHIFTED)
+    assert same(settle_axis(tmp_path / "session", made.axis), SHIFTED)
 
 
 def test_a_recorded_axis_is_not_written_beside_the_session(tmp_path: Path) -> None:
-    settle_axis(tmp_path, Integration(Cylinder(angles_deg=(0.0,))).views)
+    settle_axis(tmp_path, AXIS)
     assert not (tmp_path / AXIS_FILE).exists()
 
 

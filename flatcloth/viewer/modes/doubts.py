@@ -27,7 +27,7 @@ from flatcloth.garments.recognition import NONE, is_offered
 from flatcloth.grasping.visibility import Visibility
 from flatcloth.methods.answers import Seam
 from flatcloth.session.document import Document
-from flatcloth.session.garment import DecideLink, DecidePiece
+from flatcloth.session.garment import DecideLink
 from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Command, Reopen, TakePart
 from flatcloth.shape.joints import NEGLIGIBLE
@@ -223,11 +223,12 @@ class DoubtService:
 
         def decide(how: str, by: Rigid2) -> Sequence[Command]:
             if known is not None and place is not None and how != "hand":
-                decided = piece_decision(known.canonical, place, accepted=how != "cut")
-                return (DecidePiece(decided),)
+                return (piece_decision(known.canonical, place, accepted=how != "cut"),)
             views = [accepted.view_index for accepted in shape.document.accepted]
             found = place_of_piece(self._page.integration.views, piece, views)
-            return Reopen(found.view_index), TakePart(found.view_index, found.component, by @ found.placement)
+            return Reopen(found.view_index), TakePart(
+                found.view_index, found.component, by @ found.current_from_new
+            )
 
         return structs.replace(doubt, choices=choices), decide
 
