@@ -28,7 +28,7 @@ from flatcloth.recordings.base import Recording, check_index
 from flatcloth.session.header import kept_config
 from flatcloth.session.kept import keep_summary, settle_axis
 from flatcloth.session.machine import MemorySession, SessionState
-from flatcloth.session.store import SessionFolder
+from flatcloth.session.store import Keeper, SessionFolder
 
 PathLike = str | os.PathLike[str]
 Sides = Literal["one", "both"]
@@ -152,7 +152,7 @@ def integrate(
     with contextlib.ExitStack() as stack:
         with timed(seconds, "opening"):
             integration = integration_of(recording, name, config)
-            keeper: MemorySession | SessionFolder = MemorySession(SessionState(len(recording)))
+            keeper: Keeper = MemorySession(SessionState(len(recording)))
             if folder is not None:
                 keeper = SessionFolder.open(folder, recording, integration.config, name)
                 stack.callback(keeper.close)
@@ -213,7 +213,7 @@ def open_session(
     return Shape(opened(Path(folder), place, progress or no_progress).data)
 
 
-def _data(service: GarmentService, keeper: MemorySession | SessionFolder) -> SessionData:
+def _data(service: GarmentService, keeper: Keeper) -> SessionData:
     document, integration = keeper.state.document, service.integration
     if isinstance(keeper, MemorySession):
         return SessionData(integration, document, (), frames_of(integration, document, {}), service)

@@ -66,7 +66,6 @@ from flatcloth.garments.true_edges import FARTHEST_M, SeenFrom
 from flatcloth.methods.answers import Canonical, JoinedSides, OneSide
 from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.registration.registered import Registered
-from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.other_side import other_side
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
@@ -76,7 +75,8 @@ from flatcloth.session.garment import (
     PlacedPiece,
     without_doubts,
 )
-from flatcloth.session.machine import Keeper, MemorySession, SessionState
+from flatcloth.session.machine import MemorySession, SessionState
+from flatcloth.session.store import Keeper
 
 _SEAM_PLACES = 40
 """Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
@@ -452,13 +452,10 @@ class GarmentService:
         views.segment(document.strokes, progress)
         if any(views.recorded(n).other_mask is not None for n in range(len(views.recording))):
             return lambda frame: _or_empty(frame.other_mask, frame)
-        sides = views.sides
-        if sides is None:
-            seen: Evidence = evidence_of_sides(
-                views, progress, confirmed=self._confirmed(document) is not None
-            )
+        if views.finds_sides:
+            seen = views.solver(progress).observed
         else:
-            seen = sides.solver(progress).observed
+            seen = evidence_of_sides(views, progress, confirmed=self._confirmed(document) is not None)
         found = other_side(seen, lambda n: _or_empty((frame := views.frame(n)).mask, frame))
         noisy = seen.noisy
         # Only the masks are kept, a bit a pixel: what they were found from takes 75 MB.

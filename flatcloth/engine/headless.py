@@ -17,7 +17,6 @@ from flatcloth.session.machine import (
     Command,
     Event,
     Failed,
-    Keeper,
     Phase,
     Propose,
     Reject,
@@ -26,6 +25,7 @@ from flatcloth.session.machine import (
     Start,
     Started,
 )
+from flatcloth.session.store import Keeper
 
 
 @dataclass(frozen=True)

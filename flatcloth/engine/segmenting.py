@@ -21,7 +21,7 @@ from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.observed import Evidence, gather_evidence
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
-from flatcloth.session.machine import Keeper
+from flatcloth.session.store import Keeper
 
 MOST_VIEWS = 600
 """Views in which sides are found. They are registered together: time and memory grow with the square (1,000

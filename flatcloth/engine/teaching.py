@@ -180,7 +180,7 @@ class Teaching:
 
         def find() -> tuple[Segmentation, Slice]:
             views = self._session.views
-            solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
+            solver = views.solver(progress) if views.finds_sides else prepare(views, progress)
             return solver.solve(()), telling_slice(solver.observed, views.axis)
 
         return self._sides.get("sides", find)

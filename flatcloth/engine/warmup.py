@@ -136,7 +136,7 @@ def begin_ahead(integration: Integration, state: SessionState) -> None:
                 begun = apply(begun, integration.answer(begun.document, begun.request))
             integration.canonical(begun.document)
 
-    if integration.views.sides is None:
+    if not integration.views.finds_sides:
         threading.Thread(target=compute, name="flatcloth-ahead", daemon=True).start()
 
 

@@ -205,20 +205,6 @@ class Replay:
         """Return the session with one more line, which ends with this checksum."""
         return replace(self, lines=self.lines + 1, link=link)
 
-    def read(self, line: bytes) -> tuple[Line, Replay]:
-        """Return the content of the next line, and the session after it.
-
-        Raises
-        ------
-        ValueError
-            If the line is damaged.
-        IllegalDecisionError
-            If its entry is not allowed.
-        """
-        found = decode(self.lines + 1, line)
-        link = unsealed(line, self.link)
-        return found, self.after(found.entry).with_line(link)
-
 
 def _pick(added: PickAdded) -> Pick:
     known = {name: np.array(getattr(added, name), dtype=np.float64) for name in _ARRAYS}
@@ -238,7 +224,8 @@ def read_journal(path: Path, data: bytes, replay: Replay) -> Iterator[tuple[Line
     """
     for number, text in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], start=1):
         try:
-            line, replay = replay.read(text)
+            line, link = decode(number, text), unsealed(text, replay.link)
+            replay = replay.after(line.entry).with_line(link)
         except (ValueError, IllegalDecisionError) as error:
             raise JournalError(
                 f"{path}: line {number} is damaged ({error}). Restore it from a copy,"

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Protocol
 
 from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke, SpaceStroke
@@ -273,19 +272,6 @@ class SessionState:
         if self.document.finished is not None:
             return Phase.FINISHED
         return Phase.READY
-
-
-class Keeper(Protocol):
-    """The owner of a session's state: a session folder, or :class:`MemorySession`."""
-
-    @property
-    def state(self) -> SessionState:
-        """The session in its present state."""
-        ...
-
-    def record(self, command: Command | Event) -> None:
-        """Apply a command or an answer and save it; raises ``IllegalDecisionError``."""
-        ...
 
 
 @dataclass

@@ -34,7 +34,7 @@ from flatcloth.session.journal import (
 )
 from flatcloth.session.journal_file import JournalFile, LockedError, open_locked
 from flatcloth.session.kept import write_kept
-from flatcloth.session.machine import Cancel, SessionState
+from flatcloth.session.machine import Cancel, MemorySession, SessionState
 
 _log = logging.getLogger(__name__)
 
@@ -248,6 +248,8 @@ class SessionFolder:
         )
 
 
+Keeper = MemorySession | SessionFolder
+"""The owner of a session's state."""
 _BESIDE = ("axis.json", "grips.json", "settings.json")
 """Other files of a session."""
 

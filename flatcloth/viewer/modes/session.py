@@ -588,7 +588,7 @@ class SessionWork:
 
     def _is_first(self, document: Document) -> bool:
         # To find the sides of a recording without masks takes more kernels.
-        return is_of_one_view(document) and self._page.integration.views.sides is None
+        return is_of_one_view(document) and not self._page.integration.views.finds_sides
 
     def _drawn(self, document: Document) -> Picture:
         page = self._page
