@@ -24,8 +24,8 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
-from flatcloth.session.document import UNSURE
-from flatcloth.session.machine import Accept, MemorySession, Propose, Reject, SessionState, Start, apply
+from flatcloth.session.document import UNSURE, Document
+from flatcloth.session.machine import Accept, MemorySession, Propose, Reject, SessionState, apply
 from flatcloth.viewer.protocol.picture import make_picture
 
 REPEATS = 3
@@ -88,8 +88,7 @@ def row_of(source: str, repeats: int) -> Row:
 def whole_s(source: str) -> tuple[float, int]:
     """Integrate from the files to the canonical view; return seconds and the number of views."""
     began_s = time.perf_counter()
-    recording = open_recording(source)
-    integration = Integration(recording)
+    integration = Integration(recording := open_recording(source))
     document = Run(integration, MemorySession(SessionState(len(recording)))).finish().document
     integration.canonical(document)
     return time.perf_counter() - began_s, len(document.used_views)
@@ -98,10 +97,11 @@ def whole_s(source: str) -> tuple[float, int]:
 def proposals_s(source: str) -> list[float]:
     """Return how long each proposal took, drawn, one after the other; they are decided by their scores."""
     integration, times = Integration(open_recording(source)), []
-    state = _answered(integration, SessionState(len(integration.recording)), Start())
+    state = SessionState(len(integration.recording), Document(integration.algorithm.start_view()))
     while True:
         began_s = time.perf_counter()
-        state = _answered(integration, state, Propose())
+        asked = apply(state, Propose())
+        state = apply(asked, integration.answer(asked.document, asked.request))
         if state.document.pending is None:
             return times
         make_picture(integration, state.document, None)
@@ -111,15 +111,9 @@ def proposals_s(source: str) -> list[float]:
         state = apply(state, Accept(view) if is_sure else Reject(view, UNSURE))
 
 
-def _answered(integration: Integration, state: SessionState, command: Start | Propose) -> SessionState:
-    asked = apply(state, command)
-    return apply(asked, integration.answer(asked.document, asked.request))
-
-
 def frame_s(source: str) -> float:
     """Return the median time from a frame that was read to its flattened view with all attributes."""
-    integration = Integration(open_recording(source))
-    times = []
+    integration, times = Integration(open_recording(source)), []
     for view in range(len(integration.recording)):
         integration.views.frame(view)
         began_s = time.perf_counter()

@@ -114,7 +114,7 @@ class CylinderIntegration:
         self.accept_score = self.config.alignment.accept_agreement
         self.axis = self.recording.rotation_axis
         self.held_point_m = CENTER_M
-        self.sides = None
+        self.finds_sides = False
         self.notes = ("No masks: <i>a note</i>.",)
         self.scores = scores
         self.follow_score = 0.9
