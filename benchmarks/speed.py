@@ -96,7 +96,7 @@ def whole_s(source: str) -> tuple[float, int]:
 
 def proposals_s(source: str) -> list[float]:
     """Return how long each proposal took, drawn, one after the other; they are decided by their scores."""
-    integration, times = Integration(open_recording(source)), []
+    integration, times = Integration(open_recording(source)), list[float]()
     state = SessionState(len(integration.recording), Document(integration.algorithm.start_view()))
     while True:
         began_s = time.perf_counter()
@@ -113,7 +113,7 @@ def proposals_s(source: str) -> list[float]:
 
 def frame_s(source: str) -> float:
     """Return the median time from a frame that was read to its flattened view with all attributes."""
-    integration, times = Integration(open_recording(source)), []
+    integration, times = Integration(open_recording(source)), list[float]()
     for view in range(len(integration.recording)):
         integration.views.frame(view)
         began_s = time.perf_counter()

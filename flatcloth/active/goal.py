@@ -140,6 +140,18 @@ class Knowledge:
             for name in goal.points
         )
 
+    def gained(self, before: Knowledge, goal: Goal) -> str:
+        """Say in one line what the last view brought."""
+        parts = []
+        for name in goal.points:
+            was, point = before.point(name), self.point(name)
+            if math.isfinite(point.std_m):
+                since = f"from +-{1e3 * was.std_m:.0f} " if math.isfinite(was.std_m) else ""
+                seen = "" if point.seen else ", not seen"
+                parts.append(f"{name} {since}to +-{1e3 * point.std_m:.0f} mm{seen}")
+        parts.append(f"{1e4 * (self.area_m2 - before.area_m2):.0f} cm2 new")
+        return "; ".join(parts)
+
     def sobered(self, before: Knowledge) -> Knowledge:
         """Return it with a less probable kind if a view less told another one.
 

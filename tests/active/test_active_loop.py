@@ -282,7 +282,7 @@ def test_both_sides_are_asked_while_the_item_turns_until_enough_is_surely_known(
         asked.append((len(integration.views.angles_deg), doubts_links))
         return GarmentService(integration), sure if len(asked) in knows else None
 
-    monkeypatch.setattr("flatcloth.active.learning.known_by_both", by_both)
+    monkeypatch.setattr("flatcloth.active.loop.known_by_both", by_both)
     cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", parse_goal("points:waist_left"))
     for number, angle_deg in enumerate((0.0, 60.0)):
         loop.take(seen(cell, angle_deg, number))
