@@ -95,9 +95,8 @@ _NAMES = {kind: name for name, kind in KINDS.items()}
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a journal: its number from 1, the time (UTC) of writing, and its entry."""
+    """A line of a journal: the time (UTC) of writing, and its entry."""
 
-    number: int
     time: str
     entry: Entry
 
@@ -149,7 +148,7 @@ def decode(number: int, line: bytes) -> Line:
         raise ValueError("it is not an entry of a journal") from error
     if about.line != number:
         raise ValueError(f"it is numbered {about.line}")
-    return Line(number, about.time, entry)
+    return Line(about.time, entry)
 
 
 def _plain(value: Any) -> Any:
