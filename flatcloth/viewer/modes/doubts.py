@@ -226,9 +226,8 @@ class DoubtService:
                 return (piece_decision(known.canonical, place, accepted=how != "cut"),)
             views = [accepted.view_index for accepted in shape.document.accepted]
             found = place_of_piece(self._page.integration.views, piece, views)
-            return Reopen(found.view_index), TakePart(
-                found.view_index, found.component, by @ found.current_from_new
-            )
+            there = by @ found.current_from_new
+            return Reopen(found.view_index), TakePart(found.view_index, found.component, there)
 
         return structs.replace(doubt, choices=choices), decide
 
