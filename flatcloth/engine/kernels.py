@@ -20,6 +20,7 @@ from numba.core import sigutils
 
 TABLE = Path(__file__).with_name("kernels.json")
 _types: Any = numba.types
+_parsed: Any = sigutils.normalize_signature
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def _type(argument: Any) -> Any:
         if len(set(of_fields)) == 1:
             return _types.NamedUniTuple(of_fields[0], len(of_fields), _attribute(name))
         return _types.NamedTuple(of_fields, _attribute(name))
-    (parsed,), _ = sigutils.normalize_signature(f"void({argument})")
+    (parsed,), _ = _parsed(f"void({argument})")
     return parsed
 
 
