@@ -26,7 +26,7 @@ from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.registry import method_name
 from flatcloth.recordings.base import Recording, check_index
 from flatcloth.session.header import kept_config
-from flatcloth.session.kept import keep_summary, settle_axis
+from flatcloth.session.kept import keep_summary
 from flatcloth.session.machine import MemorySession, SessionState
 from flatcloth.session.store import Keeper, SessionFolder
 
@@ -156,7 +156,6 @@ def integrate(
             if folder is not None:
                 keeper = SessionFolder.open(folder, recording, integration.config, name)
                 stack.callback(keeper.close)
-                integration.views.turn_about(settle_axis(folder, integration.axis))
             take_strokes(integration.views, keeper, strokes)
         joins = sides == "both" and integration.algorithm.joins_sides
         service = GarmentService(integration)

@@ -250,7 +250,7 @@ class SessionFolder:
 
 Keeper = MemorySession | SessionFolder
 """The owner of a session's state."""
-_BESIDE = ("axis.json", "grips.json", "settings.json")
+_BESIDE = ("grips.json", "settings.json")
 """Other files of a session."""
 
 

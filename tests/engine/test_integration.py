@@ -164,6 +164,19 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     np.testing.assert_array_equal(same[view.valid], before)
 
 
+def test_another_axis_derives_everything_again() -> None:
+    made = Integration(Cylinder(angles_deg=(0.0, 20.0, 40.0)))
+    before = made.views.flattening(1), made.views.cloud(1)
+    other = RotationAxis(point_m=np.add(AXIS.point_m, (0.01, 0.0, -0.02)), direction=AXIS.direction)
+    made.views.turn_about(other)
+    assert made.axis is other
+    after = made.views.flattening(1), made.views.cloud(1)
+    assert after[0] is not before[0]
+    assert not np.allclose(after[1].xyz_m, before[1].xyz_m)
+    made.views.turn_about(AXIS)
+    np.testing.assert_array_equal(made.views.cloud(1).xyz_m, before[1].xyz_m)
+
+
 def test_samples_are_as_far_apart_for_a_camera_that_is_near() -> None:
     for distance_m, wanted in ((1.7, (12, 6)), (0.85, (12, 6)), (0.425, (24, 12)), (0.0, (102, 51))):
         at = RotationAxis(point_m=np.array([0.0, 0.3, distance_m]), direction=AXIS.direction)

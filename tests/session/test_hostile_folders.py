@@ -130,7 +130,7 @@ def test_a_link_in_a_session_folder_is_not_written_through(
 
 
 @pytest.mark.parametrize(
-    "name", [".session.json.partial", ".axis.json.partial", ".grips.json.partial", "session.json.new"]
+    "name", [".session.json.partial", ".summary.json.partial", ".grips.json.partial", "session.json.new"]
 )
 def test_a_draft_that_is_a_link_is_not_written_through(place: Path, tmp_path: Path, name: str) -> None:
     mine = tmp_path / "mine.txt"
