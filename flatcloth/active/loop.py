@@ -417,7 +417,6 @@ class ActiveLoop:
                 self.integration.algorithm.least_m2(self.document)
             except FlatclothError:  # other masks or another axis left the start view no cloth
                 self._run.begin_again()
-        self._learnt = replace(self._learnt, knowledge=replace(self.knowledge, views=self.views))
 
     def _learn(self, *, doubts_links: bool) -> None:
         """Learn what is known of the present shape, by both sides if this one is not enough.
@@ -431,11 +430,11 @@ class ActiveLoop:
         integration, both, other = self.garments.integration, None, None
         area_m2 = integration.canonical(document).view.area_m2
         known = known_with_pieces(self.garments, document)
-        knowledge = knowledge_of(views, area_m2, known).sobered(before)
+        knowledge = knowledge_of(area_m2, known).sobered(before)
         if goal.about != "shape" and not knowledge.is_reached(goal) and len(document.used_views) > 1:
             both, by_both = known_by_both(integration, document, doubts_links=doubts_links)
             if isinstance(by_both, KnownGarment):
-                known, knowledge = by_both, knowledge_of(views, area_m2, by_both).sobered(before)
+                known, knowledge = by_both, knowledge_of(area_m2, by_both).sobered(before)
             other = of_other_side(both, document, known, knowledge, goal)
         with self.lock:
             self._learnt = Learnt(

@@ -354,7 +354,9 @@ class GarmentService:
                 if kept is not None and not self._keeps_views:
                     kept[0].views.release(kept[1].used_views)
                     kept[0].algorithm.release(surfaces=True)
-                return self._trusted(document, joined)
+                this = self.integration
+                shape, cameras = this.canonical(document), this.algorithm.cameras(document)
+                return this.trust.of_sides(document, shape, cameras, joined)
         except FlatclothError as error:
             return f"Only one side is in the shape: {error}"
 
@@ -407,12 +409,6 @@ class GarmentService:
         motions = pieces.shape_from_piece.items()
         laid = [LaidPiece(index=n, shape_from_piece=motion, std_m=pieces.std_m[n]) for n, motion in motions]
         return this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
-
-    def _trusted(self, document: Document, joined: JoinedSides) -> JoinedSides:
-        this = self.integration
-        return this.trust.of_sides(
-            document, this.canonical(document), this.algorithm.cameras(document), joined
-        )
 
     def integrated(
         self, document: Document, progress: Progress = no_progress

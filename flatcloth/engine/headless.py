@@ -94,8 +94,9 @@ class Run:
         self._reads_ahead = cores > 1
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
-        if self._takes_all:
-            self._take_all(progress)
+        if self._takes_all:  # and nothing was decided about the others
+            known = self.state.document.used_views | self.state.document.refused_views
+            self._take([n for n in range(len(self.integration.recording)) if n not in known], progress)
         while self.state.phase is not Phase.FINISHED:
             match self.state.phase:
                 case Phase.DECIDING:
@@ -122,13 +123,8 @@ class Run:
         is_sure = self.integration.score(document).total >= self.integration.accept_score
         return Accept(view) if is_sure else Reject(view, UNSURE)
 
-    def _take_all(self, progress: Progress) -> None:
-        """Accept all views that nothing was decided about, each where it hangs."""
-        document, count = self.state.document, len(self.integration.recording)
-        known = document.used_views | document.refused_views
-        self._take([view for view in range(count) if view not in known], progress)
-
     def _take(self, views: Sequence[int], progress: Progress) -> None:
+        """Accept views, each where it hangs."""
         if self._reads_ahead:
             self.integration.views.read_ahead(reversed(views))
         why = self.integration.why_left_out(self.state.document, views, progress)
