@@ -191,8 +191,7 @@ def _named(tasks: Iterable[Task], out: Path) -> list[Task]:
             name = _proposed(task.source)
             if taken.get(name, task.source) != task.source:
                 name = f"{name[:70]}-{hashlib.sha256(os.fsencode(task.source)).hexdigest()[:8]}"
-            taken[name] = own[task.source] = task.source
-            own[task.source] = name
+            taken[name], own[task.source] = task.source, name
         elif taken[name] != task.source:
             raise FlatclothError(
                 f"{task.source}: its name {name!r} is that of {taken[name]}; choose another."

@@ -87,7 +87,7 @@ class Evaluation:
     within_3_std_share: float = math.nan
 
 
-def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int = 0) -> Evaluation:
+def compare(view: FlattenedView, truth: Truth, recording: Recording) -> Evaluation:
     """Compare a flattened result with the truth.
 
     Parameters
@@ -98,8 +98,6 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
         The truth of the recording.
     recording : Recording
         Its masks define the reachable cells.
-    seed : int
-        Seed of the random pairs.
 
     Raises
     ------
@@ -109,7 +107,7 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
     at, true_uv, known = true_places(view, truth, least=3)
     fitted = trimmed_motion(at, true_uv).apply(at)
     error_mm = 1e3 * np.linalg.norm(fitted - true_uv, axis=1)
-    relative_mm = 1e3 * relative_errors_m(fitted, true_uv, np.random.default_rng(seed))
+    relative_mm = 1e3 * relative_errors_m(fitted, true_uv, np.random.default_rng(0))
     reachable, origin = reachable_cells(recording, truth)
     placed = _cells(true_uv, origin, reachable.shape)
     return Evaluation(

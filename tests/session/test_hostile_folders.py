@@ -22,41 +22,21 @@ from flatcloth.session.machine import Command, Event, Nudge, Propose, Proposed, 
 # --- while it is open -----------------------------------------------------------------------------
 
 
-def remove(place: Path) -> None:
-    shutil.rmtree(place)
+HARMS: dict[str, Callable[[Path], object]] = {
+    "removed": shutil.rmtree,
+    "renamed": lambda place: place.rename(place.with_name("elsewhere")),
+    "journal removed": lambda place: (place / "journal.jsonl").unlink(),
+    "journal replaced": lambda place: replace_file(place / "journal.jsonl", b""),
+    "journal cut": lambda place: os.truncate(place / "journal.jsonl", 100),
+    "journal longer": lambda place: os.truncate(place / "journal.jsonl", 100_000),
+}
 
 
-def remove_journal(place: Path) -> None:
-    (place / "journal.jsonl").unlink()
-
-
-def replace_journal(place: Path) -> None:
-    (place / "other").write_text("")
-    (place / "other").rename(place / "journal.jsonl")
-
-
-def cut_journal(place: Path) -> None:
-    os.truncate(place / "journal.jsonl", 100)
-
-
-def append_to_journal(place: Path) -> None:
-    with (place / "journal.jsonl").open("ab") as file:
-        file.write(b"{}\n")
-
-
-def rename(place: Path) -> None:
-    place.rename(place.with_name("elsewhere"))
-
-
-@pytest.mark.parametrize(
-    "harm", [remove, remove_journal, replace_journal, cut_journal, append_to_journal, rename]
-)
-def test_no_decision_is_lost_when_the_journal_is_taken_away(
-    place: Path, harm: Callable[[Path], None]
-) -> None:
+@pytest.mark.parametrize("harm", HARMS)
+def test_no_decision_is_lost_when_the_journal_is_taken_away(place: Path, harm: str) -> None:
     folder = played_in(place, SCRIPT[:6])
     pick = folder.add_pick("cuff", np.zeros(3), np.ones(3), 0, (1.0, 2.0))
-    harm(place)
+    HARMS[harm](place)
     for step in SCRIPT[6:]:
         folder.record(step)
     fresh = place.with_name("session-continued")
