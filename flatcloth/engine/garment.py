@@ -70,7 +70,6 @@ from flatcloth.segmentation.other_side import other_side
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
     DecidedSeam,
-    DecideLink,
     GarmentDecisions,
     PlacedPiece,
     without_doubts,
@@ -575,7 +574,7 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
             break
         assert known.cloth is not None, "links are doubted on known cloth"
         link = known.links[0]
-        session.record(DecideLink(decided_part(known.cloth, link.part, link.probability, taken_off=True)))
+        session.record(decided_part(known.cloth, link.part, link.probability, taken_off=True))
         known = service.known(session.state.document)
     if isinstance(known, str):
         return known
@@ -584,7 +583,7 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
         cloth = known.cloth
         if cloth is not None and link.std_m and not is_decided(cloth, link.part, before):
             decision = decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m)
-            session.record(DecideLink(decision))
+            session.record(decision)
     return _with_sure_pieces(known, service, session)
 
 
@@ -613,7 +612,7 @@ def _decide_joints(service: GarmentService, session: Keeper) -> None:
             if not is_decided(cloth, part, document.garment.parts):
                 right = 1.0 - joint.false
                 decision = decided_part(cloth, part, right, taken_off=joint.is_false, std_m=std_m)
-                session.record(DecideLink(decision))
+                session.record(decision)
         if not any(joint.is_false for joint in joints):
             break
 

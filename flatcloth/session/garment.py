@@ -72,7 +72,8 @@ class DoubtedPart:
 
     ``part`` are points of its cloth and ``rest`` of the other cloth of the shape, with their places.
     ``probability`` is that of the link when it was decided. If nobody decided, but a run without an operator
-    doubts the link, the place of the part has the standard deviation ``std_m``; otherwise that is 0.
+    doubts the link, the place of the part has the standard deviation ``std_m``; otherwise that is 0. With
+    ``place``, a part that is removed lies elsewhere by the same decision.
     """
 
     taken_off: bool
@@ -81,6 +82,7 @@ class DoubtedPart:
     probability: Number
     std_m: Number = 0.0
     by_hand: bool = False
+    place: PlacedPiece | None = None
 
 
 @dataclass(frozen=True)
@@ -122,15 +124,7 @@ class ReleasePoints:
     name: str | None = None
 
 
-@dataclass(frozen=True)
-class DecideLink:
-    """Remove a part from its piece, and perhaps ``place`` it elsewhere; or keep it."""
-
-    part: DoubtedPart
-    place: PlacedPiece | None = None
-
-
-GarmentCommand = SetKind | HeldPoint | ReleasePoints | PlacedPiece | DecideLink | DecidedSeam
+GarmentCommand = SetKind | HeldPoint | ReleasePoints | PlacedPiece | DoubtedPart | DecidedSeam
 
 
 def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
@@ -144,8 +138,8 @@ def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
             return "No point is held."
         case ReleasePoints(name=str(name)) if name not in {held.name for held in decisions.held}:
             return f"The point {name!r:.60} is not held."
-        case PlacedPiece() | DecideLink() | DecidedSeam():
-            name = {PlacedPiece: "pieces", DecideLink: "parts", DecidedSeam: "seams"}[type(command)]
+        case PlacedPiece() | DoubtedPart() | DecidedSeam():
+            name = {PlacedPiece: "pieces", DoubtedPart: "parts", DecidedSeam: "seams"}[type(command)]
             if len(getattr(decisions, name)) >= MOST_PIECES:
                 return f"{MOST_PIECES} {name} are decided about, which is the most there can be. Undo some."
     return None
@@ -180,12 +174,13 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
         case PlacedPiece():
             verb = "place a piece by the garment" if command.accepted else "refuse a place by the garment"
             return verb, replace(decisions, pieces=(*decisions.pieces, command))
-        case DecideLink(part=part, place=place):
-            verb = "cut a part off" if part.by_hand else "take a part off by the garment"
-            verb = verb if part.taken_off else "keep a part on the shape"
-            verb = "place a part by hand" if place else "doubt the link of a part" if part.std_m else verb
+        case DoubtedPart(place=place):
+            verb = "cut a part off" if command.by_hand else "take a part off by the garment"
+            verb = verb if command.taken_off else "keep a part on the shape"
+            verb = "place a part by hand" if place else "doubt the link of a part" if command.std_m else verb
+            parts = (*decisions.parts, replace(command, place=None))
             pieces = decisions.pieces if place is None else (*decisions.pieces, place)
-            return verb, replace(decisions, parts=(*decisions.parts, part), pieces=pieces)
+            return verb, replace(decisions, parts=parts, pieces=pieces)
         case DecidedSeam():
             verb = "keep a seam" if command.kept else "cut a seam"
             return verb, replace(decisions, seams=(*decisions.seams, command))

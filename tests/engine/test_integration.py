@@ -16,7 +16,6 @@ from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
 from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.session.document import Side
-from flatcloth.session.garment import DecideLink
 from flatcloth.session.machine import (
     Accept,
     MemorySession,
@@ -122,7 +121,7 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
     placed = np.isfinite(cloth.uv_m[:, 0])
     part = placed & (cloth.uv_m[:, 1] > np.nanpercentile(cloth.uv_m[:, 1], 70))
     decision = decided_part(cloth, part, 0.2, taken_off=True)
-    off = apply(state, DecideLink(decision))
+    off = apply(state, decision)
     shape = made.canonical(off.document)
     assert made.canonical(off.document) is shape
     (index,) = shape.taken_off
@@ -150,7 +149,7 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     link = DoubtedLink(part=cloth.uv_m[:, 1] > middle, probability=0.84, area_m2=0.01, place=elsewhere)
     assert link.std_m == pytest.approx(0.4 * 0.5)
     doubted = apply(
-        state, DecideLink(decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m))
+        state, decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m)
     )
     view = made.canonical(doubted.document).view
     np.testing.assert_array_equal(view.valid, whole.valid)
@@ -159,7 +158,7 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     before, std = whole.placement_std_m[view.valid], view.placement_std_m[view.valid]
     np.testing.assert_allclose(std[below], np.hypot(before[below], 0.2), rtol=1e-5)
     np.testing.assert_array_equal(std[above], before[above])
-    kept = apply(doubted, DecideLink(decided_part(cloth, link.part, link.probability, taken_off=False)))
+    kept = apply(doubted, decided_part(cloth, link.part, link.probability, taken_off=False))
     same = made.canonical(kept.document).view.placement_std_m
     np.testing.assert_array_equal(same[view.valid], before)
 

@@ -9,7 +9,6 @@ from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.session.garment import (
     ClothPlaces,
     DecidedSeam,
-    DecideLink,
     DoubtedPart,
     HeldPoint,
     PlacedPiece,
@@ -20,13 +19,13 @@ from flatcloth.session.machine import Redo, Restart, Start, Started, Undo, apply
 
 HOLD = HeldPoint("neck_left", (0.2, 0.3), CLOTH)
 PIECE = PlacedPiece(True, CLOTH, CLOTH, 0.97)
-LINK = DecideLink(DoubtedPart(True, CLOTH, CLOTH, 0.2))
+LINK = DoubtedPart(True, CLOTH, CLOTH, 0.2)
 SEAM = DecidedSeam(False, CLOTH.points_m)
 
 
 def test_decisions_are_undone_and_redone_one_by_one() -> None:
     state = after(SetKind("tshirt"), HOLD, PIECE, LINK)
-    assert state.document.garment.parts == (LINK.part,)
+    assert state.document.garment.parts == (LINK,)
     assert state.undo[-1].name == "take a part off by the garment"
     state = apply(state, Undo())
     assert state.document.garment.parts == ()
@@ -83,8 +82,8 @@ def test_what_changes_nothing_is_refused_with_a_reason(command) -> None:
         dataclasses.replace(HOLD, cloth=ClothPlaces((), ())),
         dataclasses.replace(HOLD, name="n" * 100),
         dataclasses.replace(PIECE, probability=float("nan")),
-        DecideLink(dataclasses.replace(LINK.part, probability=float("nan"))),
-        DecideLink(dataclasses.replace(LINK.part, rest=ClothPlaces((), ()))),
+        dataclasses.replace(LINK, probability=float("nan")),
+        dataclasses.replace(LINK, rest=ClothPlaces((), ())),
         SetKind("k" * 100),
         DecidedSeam(True, CLOTH.points_m[:2]),
         DecidedSeam(True, (*CLOTH.points_m, (0.0, 1e9, 0.0))),

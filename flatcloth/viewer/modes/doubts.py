@@ -27,7 +27,6 @@ from flatcloth.garments.recognition import NONE, is_offered
 from flatcloth.grasping.visibility import Visibility
 from flatcloth.methods.answers import Seam
 from flatcloth.session.document import Document
-from flatcloth.session.garment import DecideLink
 from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Command, Reopen, TakePart
 from flatcloth.shape.joints import NEGLIGIBLE
@@ -200,8 +199,8 @@ class DoubtService:
 
         def decide(how: str, there: Rigid2) -> Sequence[Command]:
             part = decided_part(cloth, joint.part, sure, taken_off=how != "keep")
-            part = replace(part, by_hand=True)
-            return (DecideLink(part, placed_by_hand(part, there) if how == "place" else None),)
+            place = placed_by_hand(part, there) if how == "place" else None
+            return (replace(part, by_hand=True, place=place),)
 
         return doubt, decide
 
