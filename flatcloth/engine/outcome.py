@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from flatcloth.checking.result import told
@@ -253,14 +252,10 @@ def other_side_lines(entry: dict[str, Any]) -> list[str]:
     return [f"{line}.", *_joint_line(entry["joints"], "the other side")]
 
 
-class _Kept(msgspec.Struct, frozen=True):
-    other_side: dict[str, Any] | None = None
-
-
 def has_other_side(folder: Path) -> bool:
     """Return whether the report in a folder has the other side of the item."""
     try:
-        return decoded(read_plain(folder / FILE), _Kept).other_side is not None
+        return decoded(read_plain(folder / FILE), dict[str, Any]).get("other_side") is not None
     except (OSError, ValueError):
         return False
 
