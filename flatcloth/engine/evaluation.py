@@ -151,7 +151,10 @@ def claimed_std_m(view: FlattenedView, known: Bool) -> Float64:
     return std_m
 
 
-def true_places(view: FlattenedView, truth: Truth, least: int = 0) -> tuple[Float64, Float64, Bool]:
+Places = tuple[Float64, Float64, Bool]
+
+
+def true_places(view: FlattenedView, truth: Truth, least: int = 0) -> Places:
     """Return the places (K, 2) of the pixels with a truth, their true places, and which pixels have one.
 
     Raises
@@ -284,18 +287,6 @@ def _cells(uv: Float64, origin: Float64, shape: Sequence[int]) -> Bool:
 # --- both sides -----------------------------------------------------------------------------------
 
 
-class _Read:
-    """The truth of all views, read once: it is looked up for each seam and each side."""
-
-    def __init__(self, truth: Truth, views: int) -> None:
-        self.panel_of_interest = truth.panel_of_interest
-        self._views = [truth[n] for n in range(views)]
-
-    def __getitem__(self, view_index: int) -> TrueView:
-        """Return the truth of one view."""
-        return self._views[view_index]
-
-
 class OtherTruth:
     """The truth of the other side, on its plane as seen from its own outside.
 
@@ -359,44 +350,38 @@ def compare_sides(
     EvaluationError
         If no pixel of a side has a true position.
     """
-    views = len(recording)
-    truth = _Read(truth, views)
-    its_truth = _Read(OtherTruth(truth, views), views)
-    other = sides.other.view
-    seen: dict[str, Any] = {
-        "this_seen": _share_of_seen(this, truth, views),
-        "other_seen": _share_of_seen(other, its_truth, views),
-    }
+    views, other = len(recording), sides.other.view
+    its_truth = OtherTruth(truth, views)
     unmasked = altered(recording, read=lambda n: images_of(recording[n])._replace(mask=None))
-    true_shares = [_true_matches(seam, this, other, truth, its_truth) for seam in sides.seams]
-    seen["true_match_share"] = (
-        float(np.concatenate([[], *true_shares]).mean()) if true_shares else float("nan")
-    )
-    seen["false_seams"] = sum(
-        bool(found.size and found.mean() < 0.5)
-        for seam, found in zip(sides.seams, true_shares, strict=True)
-        if not seam.why
-    )
-    evaluation = compare(other, its_truth, unmasked)
-    if not sides.is_related:
-        return SidesEvaluation(other=evaluation, **seen)
-    own_at, own_true, known = true_places(this, truth)
-    true_from_this = trimmed_motion(own_at, own_true, claimed_std_m(this, known))
-    at, true, known = true_places(other, its_truth)
-    error_m = np.linalg.norm(true_from_this.apply(at * MIRROR) - true * MIRROR, axis=1)
-    if other.placement_std_m is not None:
-        within = error_m <= 3.0 * claimed_std_m(other, known) + 0.001
-        seen["related_within_3_std_share"] = float(within.mean())
-    return SidesEvaluation(other=evaluation, **seen, **_errors("related", 1e3 * error_m, FAR_RELATED_M))
+    own, its = true_places(this, truth), true_places(other, its_truth)
+    matches = [_true_matches(seam, own, its) for seam in sides.seams]
+    figures: dict[str, Any] = {
+        "other": compare(other, its_truth, unmasked),
+        "this_seen": _share_of_seen(own[1], truth, views),
+        "other_seen": _share_of_seen(its[1], its_truth, views),
+        "true_match_share": float(np.concatenate([[], *matches]).mean()) if matches else math.nan,
+        "false_seams": sum(
+            bool(found.size and found.mean() < 0.5)
+            for seam, found in zip(sides.seams, matches, strict=True)
+            if not seam.why
+        ),
+    }
+    if sides.is_related:
+        at, true, known = own
+        true_from_this = trimmed_motion(at, true, claimed_std_m(this, known))
+        at, true, known = its
+        error_m = np.linalg.norm(true_from_this.apply(at * MIRROR) - true * MIRROR, axis=1)
+        figures |= _errors("related", 1e3 * error_m, FAR_RELATED_M)
+        if other.placement_std_m is not None:
+            within = error_m <= 3.0 * claimed_std_m(other, known) + 0.001
+            figures["related_within_3_std_share"] = float(within.mean())
+    return SidesEvaluation(**figures)
 
 
-def _true_matches(
-    seam: Seam, this: FlattenedView, other: FlattenedView, truth: Truth, its_truth: Truth
-) -> Bool:
+def _true_matches(seam: Seam, own: Places, its: Places) -> Bool:
     """Return which places of a seam are one place of the pattern, of those (K,) whose truth is known."""
     ends = []
-    for view, uv_m, own in ((this, seam.this_uv_m, truth), (other, seam.other_uv_m, its_truth)):
-        at, true, _ = true_places(view, own)
+    for uv_m, (at, true, _) in ((seam.this_uv_m, own), (seam.other_uv_m, its)):
         away, nearest = cKDTree(at).query(np.nan_to_num(uv_m))
         ends.append(np.where((away < NEAR_SEAM_M)[:, None], true[nearest], np.nan))
     off_m = np.linalg.norm(ends[0] - ends[1] * MIRROR, axis=1)
@@ -404,13 +389,12 @@ def _true_matches(
     return found
 
 
-def _share_of_seen(view: FlattenedView, truth: Truth, views: int) -> float:
-    """Return which share of the cells that any view shows is in a shape."""
-    _, true, _ = true_places(view, truth)
+def _share_of_seen(true: Float64, truth: Truth, views: int) -> float:
+    """Return which share of the cells that any view shows has one of the true places (K, 2) of a shape."""
     placed = {tuple(cell) for cell in np.unique(np.floor(true / CELL_M).astype(int), axis=0).tolist()}
     seen: set[tuple[int, int]] = set()
-    for n in range(views):
-        shown = truth[n].flat_uv_m[of_interest(truth[n], truth.panel_of_interest)]
+    for each in (truth[n] for n in range(views)):
+        shown = each.flat_uv_m[of_interest(each, truth.panel_of_interest)]
         seen |= {tuple(cell) for cell in np.unique(np.floor(shown / CELL_M).astype(int), axis=0).tolist()}
     return len(placed & seen) / max(len(seen), 1)
 
