@@ -120,8 +120,8 @@ class Run:
         document = self.state.document
         assert document.pending is not None
         view = document.pending.view_index
-        is_sure = self.integration.score(document).total >= self.integration.accept_score
-        return Accept(view) if is_sure else Reject(view, UNSURE)
+        is_unsure = self.integration.score(document).total < self.integration.accept_score
+        return Reject(view, UNSURE) if is_unsure else Accept(view)
 
     def _take(self, views: Sequence[int], progress: Progress) -> None:
         """Accept views, each where it hangs."""

@@ -140,9 +140,8 @@ class SideController:
         def find() -> tuple[Segmentation, Int64]:
             if strokes != self._strokes:
                 raise CancelledError  # another stroke came in the meantime
-            found = self._page.integration.views.solver().solve(
-                strokes
-            )  # the masks take longer and follow with the shape
+            # The masks take longer and follow with the shape.
+            found = self._page.integration.views.solver().solve(strokes)
             return found, under_strokes(found.observed, strokes)
 
         take = partial(self._take, strokes)
