@@ -48,7 +48,7 @@ def rows_of(source: str) -> list[Row]:
 def figures_of(integration: Integration, document: Document, truth: Any) -> Row:
     """Return the figures of a document's shape against the truth."""
     canonical = integration.canonical(document)
-    evaluation = compare(canonical.view, truth, integration.recording).evaluation
+    evaluation = compare(canonical.view, truth, integration.recording)
     floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
     figures = {
         **asdict(evaluation),

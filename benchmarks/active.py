@@ -122,7 +122,7 @@ def _all_views(views: Views, panel: int, truth: Row) -> list[Row]:
             area_m2 = service.integration.canonical(document).view.area_m2
         except FlatclothError as error:
             known, area_m2 = str(error), 0.0
-    knowledge = knowledge_of(36, area_m2, known)
+    knowledge = knowledge_of(area_m2, known)
     return [
         {
             "mesh": views.mesh.stem,

@@ -1,6 +1,6 @@
 """Which kernels a typical integration needs: writes flatcloth/engine/kernels.json.
 
-With an empty cache of numba: the first pictures of the bundled recordings, the warm-up, a recording
+With an empty cache of numba: the first pictures of the bundled recordings, a recording
 unattended, a proposal, and its sides found without its masks, with a stroke.
 """
 
@@ -26,7 +26,6 @@ from flatcloth.core.resources import sample_recordings
 from flatcloth.core.strokes import ImageStroke
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.kernels import TABLE, kernels
-from flatcloth.engine.warmup import warm_up
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Command, Propose, SessionState, Start, apply
 from flatcloth.viewer.protocol.picture import make_picture
@@ -85,7 +84,6 @@ def _watch(written: Path, out: str) -> None:
     for name in sample_recordings():
         _drawn(name, Start())
     is_first = False
-    warm_up()
     main(["run", RECORDING, "--out", out])
     _drawn(RECORDING, Start(), Propose())
     _segment()

@@ -25,7 +25,6 @@ from flatcloth.engine.evaluation import (
     GarmentEvaluation,
     TruePoints,
     compare_garment,
-    garment_summary,
     look_up,
     read_true_points,
     trimmed_fit,
@@ -55,8 +54,7 @@ def run(options: Options) -> None:
     unknown = {name: unknown_of(loops) for name, loops in UNKNOWN.items()}
     for name, (kind, none) in unknown.items():
         say(f"{name}: {kind}, none of these {none:.2f}")
-    evaluations = [row[1] for row in rows]
-    figures = garment_summary(evaluations)
+    figures = garment_summary([row[1] for row in rows])
     for name, value in figures.items():
         say(f"{name} {value:.3g}")
     if options.quick:
@@ -65,6 +63,27 @@ def run(options: Options) -> None:
     written = [{"recording": name, **asdict(found), "seconds": seconds} for name, found, seconds, _ in rows]
     save("garments", {"summary": figures, "unknown": unknown, "rows": written}, names)
     save_page("garments", page_of(rows, figures, unknown), names)
+
+
+def garment_summary(rows: list[GarmentEvaluation]) -> dict[str, float]:
+    """Return the figures over several recordings."""
+    names = ("seen_mm", "unseen_mm", "normed", "dimension_errors")
+    seen, unseen, normed, sizes = (
+        np.array([e for row in rows for e in getattr(row, name).values()] or [np.nan]) for name in names
+    )
+    pieces = np.array([e for row in rows for e in row.pieces_mm] or [np.nan])
+    figures = {"recordings": float(len(rows))}
+    for name, errors in (("seen_points", seen), ("unseen_points", unseen), ("pieces_placed", pieces)):
+        figures[name] = int(np.isfinite(errors).sum())
+        figures[f"{name.partition('_')[0]}_median_mm"] = float(np.median(errors))
+    return figures | {
+        "kind_right": sum(row.kind == row.true_kind for row in rows),
+        "seen_within_35_mm": float((seen <= 35.0).mean()),
+        "within_3_std": float((normed <= 3.0).mean()),
+        "dimensions_median": float(np.median(np.abs(sizes))),
+        "dimensions_within_3_percent": float((np.abs(sizes) <= 0.03).mean()),
+        "pieces_worst_mm": float(pieces.max()),
+    }
 
 
 def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[str, Any]]:

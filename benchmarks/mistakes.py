@@ -396,7 +396,7 @@ def unmended_rows(source: str) -> list[Row]:
             "reliable": 0.0,
         }
         with suppress(EvaluationError):
-            found = compare(made.shape.view, Truth(source), wrong).evaluation
+            found = compare(made.shape.view, Truth(source), wrong)
             if found.firm_share > 0.0:
                 off_m = made.lengths_off_m(right)
                 row |= {

@@ -109,7 +109,7 @@ def written(service: GarmentService, document: Document) -> tuple[FlattenedView,
 
 def figures_of(this: FlattenedView, sides: JoinedSides | str, truth: Any, recording: Any) -> dict[str, float]:
     """Return the figures of both sides, or of this one if there is no other."""
-    own = compare(this, truth, recording).evaluation
+    own = compare(this, truth, recording)
     figures: dict[str, float] = {f"this_{key}": getattr(own, key) for key in _EVALUATED}
     if not isinstance(sides, str):
         compared = compare_sides(this, sides, truth, recording)

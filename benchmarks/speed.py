@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -21,42 +21,15 @@ from scipy.sparse.linalg import splu
 from benchmarks.inputs import measure_each
 from benchmarks.output import Options, Row
 from flatcloth.core.errors import FlatclothError
-from flatcloth.engine.headless import Run, accept_by_score
+from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
-from flatcloth.session.machine import (
-    Accept,
-    Command,
-    Event,
-    MemorySession,
-    Nudge,
-    Propose,
-    Reject,
-    SessionState,
-)
+from flatcloth.session.document import UNSURE, Document
+from flatcloth.session.machine import Accept, MemorySession, Propose, Reject, SessionState, apply
 from flatcloth.viewer.protocol.picture import make_picture
 
 REPEATS = 3
 GRID = 110
-
-
-@dataclass
-class Stopwatch:
-    """Watches a run and decides for it; keeps how long each proposal took, drawn, in seconds."""
-
-    proposals_s: list[float] = field(default_factory=list)
-    _asked_s: float = 0.0
-
-    def __call__(self, said: Command | Event) -> None:
-        """Note when a proposal is asked for."""
-        if isinstance(said, Propose):
-            self._asked_s = time.perf_counter()
-
-    def decide(self, integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
-        """Draw the proposal, note its time, and decide as an unattended run does."""
-        make_picture(integration, state.document, None)
-        self.proposals_s.append(time.perf_counter() - self._asked_s)
-        return accept_by_score(integration, state)
 
 
 def unit_s(repeats: int = 9, clock: Callable[[], float] = time.perf_counter) -> float:
@@ -115,25 +88,32 @@ def row_of(source: str, repeats: int) -> Row:
 def whole_s(source: str) -> tuple[float, int]:
     """Integrate from the files to the canonical view; return seconds and the number of views."""
     began_s = time.perf_counter()
-    recording = open_recording(source)
-    integration = Integration(recording)
+    integration = Integration(recording := open_recording(source))
     document = Run(integration, MemorySession(SessionState(len(recording)))).finish().document
     integration.canonical(document)
     return time.perf_counter() - began_s, len(document.used_views)
 
 
 def proposals_s(source: str) -> list[float]:
-    """Return how long each proposal took, one after the other."""
-    integration, watch = Integration(open_recording(source)), Stopwatch()
-    session = MemorySession(SessionState(len(integration.recording)))
-    Run(integration, session, watch.decide, watch).finish()
-    return watch.proposals_s
+    """Return how long each proposal took, drawn, one after the other; they are decided by their scores."""
+    integration, times = Integration(open_recording(source)), list[float]()
+    state = SessionState(len(integration.recording), Document(integration.algorithm.start_view()))
+    while True:
+        began_s = time.perf_counter()
+        asked = apply(state, Propose())
+        state = apply(asked, integration.answer(asked.document, asked.request))
+        if state.document.pending is None:
+            return times
+        make_picture(integration, state.document, None)
+        times.append(time.perf_counter() - began_s)
+        view = state.document.pending.view_index
+        is_sure = integration.score(state.document).total >= integration.accept_score
+        state = apply(state, Accept(view) if is_sure else Reject(view, UNSURE))
 
 
 def frame_s(source: str) -> float:
     """Return the median time from a frame that was read to its flattened view with all attributes."""
-    integration = Integration(open_recording(source))
-    times = []
+    integration, times = Integration(open_recording(source)), list[float]()
     for view in range(len(integration.recording)):
         integration.views.frame(view)
         began_s = time.perf_counter()

@@ -39,7 +39,7 @@ def both_sides(source: str) -> tuple[GarmentService, Document, Remembered]:
 def integrated_sides(recording: Any) -> tuple[GarmentService, Document]:
     """Integrate both sides of an open recording by ``robust`` without an operator."""
     integration = Integration(recording)
-    service = GarmentService(integration, joins=True)
+    service = GarmentService(integration)
     run = Run(integration, MemorySession(SessionState(len(recording))))
     service.joined(run.finish().document)
     return service, _placed(service, run)

@@ -78,7 +78,7 @@ def compared(found: Validation, recording: Any, truth: Truth) -> Row:
             its_truth = truth if side == "this side" else OtherTruth(truth, len(recording))
             view = found.shape[side]
             for of, valid in (("", view.valid), ("shown_", found.truth.compared(view)[0])):
-                true = compare(replace(view, valid=valid), its_truth, unmasked).evaluation
+                true = compare(replace(view, valid=valid), its_truth, unmasked)
                 for key in ("median_mm", "p95_mm"):
                     row[f"{side} {of}{key}"] = [by_kit[of + key], getattr(true, f"absolute_{key}")]
     axis, angles = recording.rotation_axis, np.array(recording.angles_deg)

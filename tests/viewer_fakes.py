@@ -114,7 +114,7 @@ class CylinderIntegration:
         self.accept_score = self.config.alignment.accept_agreement
         self.axis = self.recording.rotation_axis
         self.held_point_m = CENTER_M
-        self.sides = None
+        self.finds_sides = False
         self.notes = ("No masks: <i>a note</i>.",)
         self.scores = scores
         self.follow_score = 0.9
@@ -210,23 +210,13 @@ class CylinderIntegration:
 
     def proposal(self, document: Document) -> Any:
         pending = document.pending
-        curves = SimpleNamespace(
-            u_m=np.arange(5) * 0.01,
-            column_count=np.arange(5, dtype=np.int32),
-            column_mean_z_angle_deg=np.array([-40.0, -20.0, 0.0, np.nan, 40.0]),
-        )
-        side = SimpleNamespace(side=Side.LEFT, curves=curves)
-        plan = SimpleNamespace(reason="left: A = 30 deg", rotation_deg=30.0, sides=(side,))
         found = SimpleNamespace(current_from_new=Rigid2(0.0, 0.003, 0.0))
         parts = (
             SimpleNamespace(component=0, area_m2=0.03, alignment=found),
             SimpleNamespace(component=1, area_m2=0.008, alignment=None),
         )
         best = SimpleNamespace(current_from_new=pending.proposed, score=SimpleNamespace(total=pending.score))
-        placement = SimpleNamespace(parts=parts, change=None, alignment=best)
-        return SimpleNamespace(
-            view_index=pending.view_index, side=Side.LEFT, plan=plan, placement=placement, alignment=best
-        )
+        return SimpleNamespace(parts=parts, change=None, alignment=best)
 
     def answer(self, document: Document, request: Request, progress: Progress) -> Event:
         progress(0.1, "working")

@@ -152,17 +152,15 @@ class Next:
     """The next angle, and what is expected of it.
 
     ``turn_deg`` is the rotation from where the item stands, by the shorter way; ``new_m2`` the cloth that is
-    expected to be new, ``overlap_m2`` what it has in common with the shape (NaN if the method tells
-    neither), ``most_new_m2`` the most that any angle is expected to add, of either side; ``points_m`` the
-    expected standard deviations of the wanted points that are missing, and ``hidden`` those of them that no
-    angle is expected to show.
+    expected to be new (NaN if the method does not tell), ``most_new_m2`` the most that any angle is expected
+    to add, of either side; ``points_m`` the expected standard deviations of the wanted points that are
+    missing, and ``hidden`` those of them that no angle is expected to show.
     """
 
     angle_deg: float
     turn_deg: float
     why: str
     new_m2: float = math.nan
-    overlap_m2: float = math.nan
     most_new_m2: float = math.nan
     points_m: dict[str, float] = field(default_factory=dict)
     hidden: tuple[str, ...] = ()
@@ -273,7 +271,6 @@ def choose_next(
         turn_deg=float(turns[best]),
         why="".join(why),
         new_m2=scale * float(new_m2[best]),
-        overlap_m2=rated[best].overlap_m2,
         most_new_m2=scale * float((new_m2 + beyond_m2).max()),
         points_m=points_m,
         hidden=hidden,

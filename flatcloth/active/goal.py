@@ -109,14 +109,12 @@ class PointKnown:
 
 @dataclass(frozen=True, kw_only=True)
 class Knowledge:
-    """What is known after some views; ``reason`` says why there is no garment, if there is none."""
+    """What is known after some views; ``kind`` is None if no known garment was recognised."""
 
-    views: int = 0
     area_m2: float = 0.0
     kind: str | None = None
     probability: float = 0.0
     points: Mapping[str, PointKnown] = field(default_factory=dict)
-    reason: str = ""
 
     def is_reached(self, goal: Goal) -> bool:
         """Return whether a goal about points or the kind is reached; a shape is never known to be whole."""
@@ -139,6 +137,18 @@ class Knowledge:
             math.isfinite(self.point(name).std_m) and self.point(name).std_m < 0.9 * before.point(name).std_m
             for name in goal.points
         )
+
+    def gained(self, before: Knowledge, goal: Goal) -> str:
+        """Say in one line what the last view brought."""
+        parts = []
+        for name in goal.points:
+            was, point = before.point(name), self.point(name)
+            if math.isfinite(point.std_m):
+                since = f"from +-{1e3 * was.std_m:.0f} " if math.isfinite(was.std_m) else ""
+                seen = "" if point.seen else ", not seen"
+                parts.append(f"{name} {since}to +-{1e3 * point.std_m:.0f} mm{seen}")
+        parts.append(f"{1e4 * (self.area_m2 - before.area_m2):.0f} cm2 new")
+        return "; ".join(parts)
 
     def sobered(self, before: Knowledge) -> Knowledge:
         """Return it with a less probable kind if a view less told another one.
@@ -166,15 +176,13 @@ class Knowledge:
         return f"{kind}; " + ", ".join(f"{name} {self.point(name)}" for name in goal.points)
 
 
-def knowledge_of(views: int, area_m2: float, known: KnownGarment | str) -> Knowledge:
-    """Return what is known by a shape of some views, and by its garment or the reason for none."""
+def knowledge_of(area_m2: float, known: KnownGarment | str) -> Knowledge:
+    """Return what is known by the area of a shape, and by its garment or the reason for none."""
     if isinstance(known, str):
-        return Knowledge(views=views, area_m2=area_m2, reason=known)
+        return Knowledge(area_m2=area_m2)
     found = known.found
     if found.kind == NONE:
-        return Knowledge(
-            views=views, area_m2=area_m2, probability=found.probability, reason="It is no known garment."
-        )
+        return Knowledge(area_m2=area_m2, probability=found.probability)
     beyond = points_on_other_side(found, known.sides) if known.sides is not None else {}
     points = {
         name: PointKnown(
@@ -183,9 +191,7 @@ def knowledge_of(views: int, area_m2: float, known: KnownGarment | str) -> Knowl
         )
         for name, point in found.points.items()
     }
-    return Knowledge(
-        views=views, area_m2=area_m2, kind=found.kind, probability=found.probability, points=points
-    )
+    return Knowledge(area_m2=area_m2, kind=found.kind, probability=found.probability, points=points)
 
 
 def doubt_of_kind_m(name: str, found: Recognition) -> float:

@@ -17,7 +17,7 @@ from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.surface import crop_to_item, foreground_mask
 from flatcloth.recordings.base import apart_deg
 from flatcloth.recordings.writer import GrowingRecording
-from flatcloth.session.machine import Keeper, paint
+from flatcloth.session.store import Keeper
 
 _SAME_M = 0.010
 """Depths that agree: sway, noise and an angle that is off by two degrees move cloth by less. Chosen."""
@@ -120,11 +120,11 @@ def doubled(view: SeenView, views: RecordedViews) -> int | None:
 def keep_side(views: RecordedViews, session: Keeper) -> None:
     """Record a stroke on the side of interest that was found from the views: further views keep it."""
     document = session.state.document
-    if views.sides is None or document.strokes or document.start_view is not None:
+    if not views.finds_sides or document.strokes or document.start_view is not None:
         return
     stroke = stroke_on_side(views)
     if stroke is not None:
-        session.record(paint(stroke))
+        session.record(stroke)
 
 
 def stroke_on_side(views: RecordedViews) -> ImageStroke | None:

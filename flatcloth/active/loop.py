@@ -3,7 +3,8 @@
 It asks and takes views only; whoever turns the item, a person, a robot or a simulated cell, is outside. Every
 view is in the recording on disk before it is used, every decision in the session's journal, and what was
 expected and got in ``active.jsonl``; so a loop that was killed continues with the next angle. The garment is
-recognised while the item turns (:mod:`flatcloth.active.learning`).
+recognised while the item turns, which takes about as long: the next angle follows from the new shape and the
+garment as it was known before.
 """
 
 from __future__ import annotations
@@ -13,12 +14,22 @@ import math
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from flatcloth.active.choosing import FIRST, End, Next, Waiting, choose_next, elsewhere, end_of
-from flatcloth.active.goal import Budget, Goal, Knowledge
+from flatcloth.active.choosing import (
+    FIRST,
+    End,
+    Next,
+    OtherSide,
+    Waiting,
+    choose_next,
+    elsewhere,
+    end_of,
+    of_other_side,
+)
+from flatcloth.active.goal import Budget, Goal, Knowledge, knowledge_of
 from flatcloth.active.incoming import (
     AngleFinder,
     SeenView,
@@ -28,13 +39,18 @@ from flatcloth.active.incoming import (
     doubled,
     keep_side,
 )
-from flatcloth.active.learning import Learnt, got_by, learn
 from flatcloth.active.log import ActiveLog, stand_all_round
 from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError, os_errors_as
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
-from flatcloth.engine.garment import GarmentService, KnownGarment, place_sure_pieces
+from flatcloth.engine.garment import (
+    GarmentService,
+    KnownGarment,
+    known_by_both,
+    known_with_pieces,
+    place_sure_pieces,
+)
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.export.data import SessionData, frames_of
@@ -44,11 +60,27 @@ from flatcloth.recordings.folder import HEADER as MANIFEST
 from flatcloth.recordings.folder import open_folder
 from flatcloth.recordings.writer import DEPTH_SCALE_M, GrowingRecording, RecordingWriter, depth_units
 from flatcloth.session.document import Document
-from flatcloth.session.header import HEADER, kept_config, take_growth
+from flatcloth.session.header import HEADER, kept_config
 from flatcloth.session.store import SessionFolder
 
 RECORDING = "recording"
 """The folder of the growing recording, in that of the session."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learnt:
+    """What a loop has learnt: the garment, or why there is none, what follows from it, and the other side.
+
+    ``other`` is what further views are expected to show of the other side. The garment is known by the first
+    so many ``views``; the area may be of later ones, too. ``before`` is what fewer views told.
+    """
+
+    known: KnownGarment | str = "No view was taken yet."
+    knowledge: Knowledge = field(default_factory=Knowledge)
+    both: GarmentService | None = None
+    other: OtherSide | None = None
+    views: int = 0
+    before: Knowledge = field(default_factory=Knowledge)
 
 
 class ActiveLoop:
@@ -247,7 +279,6 @@ class ActiveLoop:
     def _open_session(self) -> None:
         recording, folder = self._recording, self.folder
         assert recording is not None
-        take_growth(folder, recording)
         integration = integration_of(recording, self._method, kept_config(folder, self._method))
         session = SessionFolder.open(folder, recording, integration.config, self._method)
         self._stack.callback(session.close)
@@ -356,7 +387,7 @@ class ActiveLoop:
                 "view",
                 **line,
                 new_m2=self.knowledge.area_m2 - before.area_m2,
-                got=got_by(before, self.knowledge, self.goal),
+                got=self.knowledge.gained(before, self.goal),
                 news=self.knowledge.is_news(before, self.goal),
                 knows=self.knowledge.about(self.goal),
                 elapsed_s=round(self.elapsed_s, 2),
@@ -386,16 +417,29 @@ class ActiveLoop:
                 self.integration.algorithm.least_m2(self.document)
             except FlatclothError:  # other masks or another axis left the start view no cloth
                 self._run.begin_again()
-        self._learnt = replace(self._learnt, knowledge=replace(self.knowledge, views=self.views))
 
     def _learn(self, *, doubts_links: bool) -> None:
-        """Learn what is known of the present shape."""
-        if self.garments is not None and self.document.start_view is not None:
-            last, of_now = self._learnt, (self.garments, self.document, self.views, self.goal)
-            before = last.before if last.views == self.views else last.knowledge
-            learnt = learn(*of_now, doubts_links=doubts_links, before=before)
-            with self.lock:
-                self._learnt = learnt
+        """Learn what is known of the present shape, by both sides if this one is not enough.
+
+        ``doubts_links`` of the other side. Where fewer views told another kind, the kind is less sure.
+        """
+        document, views, goal, last = self.document, self.views, self.goal, self._learnt
+        if self.garments is None or document.start_view is None:
+            return
+        before = last.before if last.views == views else last.knowledge
+        integration, both, other = self.garments.integration, None, None
+        area_m2 = integration.canonical(document).view.area_m2
+        known = known_with_pieces(self.garments, document)
+        knowledge = knowledge_of(area_m2, known).sobered(before)
+        if goal.about != "shape" and not knowledge.is_reached(goal) and len(document.used_views) > 1:
+            both, by_both = known_by_both(integration, document, doubts_links=doubts_links)
+            if isinstance(by_both, KnownGarment):
+                known, knowledge = by_both, knowledge_of(area_m2, by_both).sobered(before)
+            other = of_other_side(both, document, known, knowledge, goal)
+        with self.lock:
+            self._learnt = Learnt(
+                known=known, knowledge=knowledge, both=both, other=other, views=views, before=before
+            )
 
     # ---------------------------------------------------------------- the next angle, or the end
 

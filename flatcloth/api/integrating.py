@@ -26,9 +26,9 @@ from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.registry import method_name
 from flatcloth.recordings.base import Recording, check_index
 from flatcloth.session.header import kept_config
-from flatcloth.session.kept import keep_summary, settle_axis
+from flatcloth.session.kept import keep_summary
 from flatcloth.session.machine import MemorySession, SessionState
-from flatcloth.session.store import SessionFolder
+from flatcloth.session.store import Keeper, SessionFolder
 
 PathLike = str | os.PathLike[str]
 Sides = Literal["one", "both"]
@@ -152,14 +152,13 @@ def integrate(
     with contextlib.ExitStack() as stack:
         with timed(seconds, "opening"):
             integration = integration_of(recording, name, config)
-            keeper: MemorySession | SessionFolder = MemorySession(SessionState(len(recording)))
+            keeper: Keeper = MemorySession(SessionState(len(recording)))
             if folder is not None:
                 keeper = SessionFolder.open(folder, recording, integration.config, name)
                 stack.callback(keeper.close)
-                settle_axis(folder, integration.views)
             take_strokes(integration.views, keeper, strokes)
         joins = sides == "both" and integration.algorithm.joins_sides
-        service = GarmentService(integration, joins=joins)
+        service = GarmentService(integration)
         run = Run(integration, keeper)
         if (show := on_view) is not None:
             run.on_view = lambda decision: show(
@@ -213,7 +212,7 @@ def open_session(
     return Shape(opened(Path(folder), place, progress or no_progress).data)
 
 
-def _data(service: GarmentService, keeper: MemorySession | SessionFolder) -> SessionData:
+def _data(service: GarmentService, keeper: Keeper) -> SessionData:
     document, integration = keeper.state.document, service.integration
     if isinstance(keeper, MemorySession):
         return SessionData(integration, document, (), frames_of(integration, document, {}), service)

@@ -23,7 +23,6 @@ from flatcloth.batch.rows import (
     write_table,
 )
 from flatcloth.batch.tasks import Task, quick_signature
-from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.session.journal_file import LockedError, open_locked
 
@@ -67,11 +66,7 @@ def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
     waiting = []
     for task in tasks:
         row = read_row(out / task.name)
-        if (
-            row is None
-            or row["outcome"] != DONE
-            or row.get("quick") != quick_signature(task, Config().to_dict())
-        ):
+        if row is None or row["outcome"] != DONE or row.get("quick") != quick_signature(task):
             waiting.append(task)
     return waiting
 
@@ -112,15 +107,7 @@ def run_batch(
     waiting = pending(tasks, out, again=again)
     count = Count(total=len(tasks), before=len(tasks) - len(waiting))
     tell(count, None)
-    questions = [
-        {
-            "task": task.to_dict(),
-            "out": str(out.resolve()),
-            "settings": Config().to_dict(),
-            "again": again,
-        }
-        for task in waiting
-    ]
+    questions = [{"task": task.to_dict(), "out": str(out.resolve()), "again": again} for task in waiting]
     next_table_s = time.monotonic() + _TABLE_EVERY_S
     try:
         with start() if questions else contextlib.nullcontext() as engine:
@@ -159,7 +146,7 @@ def _row_of(task: Task, answer: Answer, out: Path) -> Row:
 
 def write_results(out: Path) -> None:
     """Write the table of all results in a folder, with the operator's verdicts."""
-    decided = read_verdicts(out).decided
+    decided, _ = read_verdicts(out)
     rows = [{**row, "review": decided.get(row["name"])} for row in rows_in(out)]
     write_table(rows, out)
 

@@ -11,7 +11,7 @@ import contextlib
 import logging
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,107 +125,101 @@ def engine_of(
         If the scheduler cannot be reached, has no TLS, or Dask is not installed.
     """
     if scheduler is None:
-        return _Local(jobs or len(os.sched_getaffinity(0)))
+        return _local(jobs or len(os.sched_getaffinity(0)))
     if tls and not scheduler.startswith("tls://"):
         raise FlatclothError(
             f"{scheduler}: without TLS, whoever reaches this address can run code as you; "
             "give a tls:// address (docs/datasets.md says how), or --no-tls if nobody else can."
         )
-    return _Dask(scheduler, out)
+    return _of_dask(scheduler, out)
 
 
-class _Local:
-    """Threads that wait for processes; to be used in a ``with`` block, whose end stops what still runs.
+class Engine:
+    """What runs tasks, in a ``with`` block whose end stops what still runs.
 
-    ``about`` says where the tasks run, for the user.
+    ``about`` says where they run, for the user; ``pool`` takes calls of ``task``, and ``stop`` ends it.
     """
 
-    def __init__(self, workers: int) -> None:
-        self.about = f"{workers} at the same time on this machine"
-        self._pool, self._processes = concurrent.futures.ThreadPoolExecutor(workers), _Processes()
+    def __init__(
+        self,
+        about: str,
+        pool: concurrent.futures.Executor,
+        stop: Callable[[], object],
+        task: Callable[[Question, Limits], dict[str, Any]] = run_task,
+    ) -> None:
+        self.about, self._pool, self._stop, self._task = about, pool, stop, task
 
-    def __enter__(self) -> _Local:
+    def __enter__(self) -> Engine:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._processes.stop()
-        self._pool.shutdown(wait=True)
+        self._stop()
 
     def run(self, questions: Sequence[Question], limits: Limits) -> Iterator[tuple[int, Answer]]:
         """Yield the number of each question and its answer, as they come; an exception if its worker died."""
-        submit = self._pool.submit
-        futures = {submit(run_task, q, limits, self._processes): n for n, q in enumerate(questions)}
-        for future in concurrent.futures.as_completed(futures):
-            yield futures[future], future.result()
+        futures = {self._pool.submit(self._task, q, limits): n for n, q in enumerate(questions)}
+        for future in concurrent.futures.as_completed(list(futures)):
+            number = futures.pop(future)  # A worker that dies is not asked for the results it gave.
+            try:
+                answer: Answer = future.result()
+            except Exception as error:  # noqa: BLE001 - one worker must not end the others
+                answer = error
+            yield number, answer
 
 
-class _Dask:
-    """The workers of a scheduler, used as :class:`_Local` is."""
+def _local(workers: int) -> Engine:
+    """Return threads that wait for processes."""
+    pool, processes = concurrent.futures.ThreadPoolExecutor(workers), _Processes()
 
-    def __init__(self, address: str, out: str | None) -> None:
-        try:
-            import distributed
-        except ImportError as error:
-            raise FlatclothError(
-                f"--scheduler needs Dask distributed ({error}); run: pip install 'flatcloth[cluster]'"
-            ) from error
-        connect: Any = distributed.Client
-        self._as_completed: Any = distributed.as_completed
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
-        try:
-            self._client = connect(address, timeout=REACHED_S)
-        except (OSError, ValueError, TypeError, TimeoutError) as error:
-            raise FlatclothError(
-                f"{address}: cannot be reached ({error}); is a dask scheduler there, with the certificates "
-                "that docs/datasets.md names?"
-            ) from error
-        workers = self._client.scheduler_info(n_workers=-1)["workers"]
-        if out is not None:
-            self._check_workers(out)
-        self.about = f"{sum(w['nthreads'] for w in workers.values())} at the same time on {address}"
+    def stop() -> None:
+        pool.shutdown(wait=False, cancel_futures=True)
+        processes.stop()
+        pool.shutdown(wait=True)
 
-    def _check_workers(self, out: str) -> None:
-        """Raise an error if workers have another flatcloth, or do not see the output."""
-        try:
-            seen = self._client.run(_worker_sees, out)
-        except Exception as error:
-            self._client.close()
-            raise FlatclothError(
-                f"The workers cannot run flatcloth ({error}); install this version where they start."
-            ) from error
-        blind = [worker for worker, sees in seen.items() if not sees]
-        if blind:
-            self._client.close()
-            raise FlatclothError(
-                f"{out}: worker {blind[0]} cannot write there; choose a folder that all machines share."
-            )
+    about = f"{workers} at the same time on this machine"
+    return Engine(about, pool, stop, lambda question, limits: run_task(question, limits, processes))
 
-    def __enter__(self) -> _Dask:
-        return self
 
-    def __exit__(self, *_: object) -> None:
+def _of_dask(address: str, out: str | None) -> Engine:
+    """Return the workers of a scheduler."""
+    try:
+        import distributed
+    except ImportError as error:
+        raise FlatclothError(
+            f"--scheduler needs Dask distributed ({error}); run: pip install 'flatcloth[cluster]'"
+        ) from error
+    connect: Any = distributed.Client
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        client = connect(address, timeout=REACHED_S)
+    except (OSError, ValueError, TypeError, TimeoutError) as error:
+        raise FlatclothError(
+            f"{address}: cannot be reached ({error}); is a dask scheduler there, with the certificates "
+            "that docs/datasets.md names?"
+        ) from error
+
+    def stop() -> None:
         with contextlib.suppress(Exception):
-            self._client.close(timeout=5)
+            client.close(timeout=5)
 
-    def run(self, questions: Sequence[Question], limits: Limits) -> Iterator[tuple[int, Answer]]:
-        submit = self._client.submit
-        futures = {submit(run_task, q, limits, pure=False, priority=-n): n for n, q in enumerate(questions)}
-        numbers = {future.key: n for future, n in futures.items()}
-        waiting = self._as_completed(list(futures), with_results=True, raise_errors=False)
-        futures.clear()  # Results are released, so that a worker that dies is not asked for them again.
-        for future, result in waiting:
-            number = numbers[future.key]
-            if future.status == "finished":
-                future.release()
-                yield number, result
-            else:
-                error = result[1] if isinstance(result, tuple) else result
-                yield number, error if isinstance(error, Exception) else RuntimeError(str(error))
+    workers = client.scheduler_info(n_workers=-1)["workers"]
+    if out is not None and (why := _why_not(client, out)):
+        stop()
+        raise FlatclothError(why)
+    about = f"{sum(w['nthreads'] for w in workers.values())} at the same time on {address}"
+    return Engine(about, client.get_executor(pure=False), stop)
 
 
-Engine = _Local | _Dask
-"""What runs tasks."""
+def _why_not(client: Any, out: str) -> str:
+    """Return why workers are of no use: they have another flatcloth, or do not see the output; else empty."""
+    try:
+        seen = client.run(_worker_sees, out)
+    except Exception as error:  # noqa: BLE001 - whatever their flatcloth raises
+        return f"The workers cannot run flatcloth ({error}); install this version where they start."
+    blind = [worker for worker, sees in seen.items() if not sees]
+    if blind:
+        return f"{out}: worker {blind[0]} cannot write there; choose a folder that all machines share."
+    return ""
 
 
 def _worker_sees(out: str) -> bool:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import gc
-import importlib.metadata
 import json
 import os
-import platform
 import socket
 import time
 import traceback
@@ -61,7 +58,7 @@ def answer(question: Mapping[str, Any], progress: Progress) -> Message:
     """
     task = Task.from_dict(question["task"])
     folder = Path(question["out"]) / task.name
-    started, cpu_started = time.perf_counter(), time.process_time()
+    started = time.perf_counter()
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")  # the peak of memory is that of this task
     seconds: dict[str, float] = {}
@@ -71,15 +68,14 @@ def answer(question: Mapping[str, Any], progress: Progress) -> Message:
         "method": task.method,
         "options": json.dumps(task.options.to_dict()),
         "version": __version__,
-        "versions": _versions(),
         "worker": f"{socket.gethostname()}:{os.getpid()}",
         **next_attempt(read_row(folder)),
     }
     spent = False
     try:
         with timed(seconds, "opening"):
-            row["quick"] = quick_signature(task, question["settings"])
-            row["content"] = content_signature(task, question["settings"])
+            row["quick"] = quick_signature(task)
+            row["content"] = content_signature(task)
             kept = _kept(folder, row, again=question["again"])
             if kept is not None:
                 return Message(kept)
@@ -98,13 +94,11 @@ def answer(question: Mapping[str, Any], progress: Progress) -> Message:
     row |= {f"seconds_{name}": round(taken, 3) for name, taken in seconds.items()}
     row |= {
         "seconds": round(time.perf_counter() - started, 3),
-        "cpu_seconds": round(time.process_time() - cpu_started, 3),
-        "peak_memory_mb": _status_mb("VmHWM"),
+        "peak_memory_mb": _peak_memory_mb(),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
     }
     gc.collect()
     trim()
-    row["memory_after_mb"] = _status_mb("VmRSS")
     write_row(row, folder)
     return Message({**row, "spent": spent})
 
@@ -219,18 +213,9 @@ def _unexpected(error: Exception, folder: Path) -> dict[str, str]:
     return {"outcome": FAILED, "reason": reason}
 
 
-@functools.cache
-def _versions() -> str:
-    found = {"python": platform.python_version()}
-    for name in ("numpy", "scipy", "numba", "opencv-python-headless"):
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return json.dumps(found)
-
-
-def _status_mb(name: str) -> float | None:
+def _peak_memory_mb() -> float | None:
     with contextlib.suppress(OSError, StopIteration), open("/proc/self/status") as file:
-        return round(next(int(line.split()[1]) for line in file if line.startswith(name)) / 1024, 1)
+        return round(next(int(line.split()[1]) for line in file if line.startswith("VmHWM")) / 1024, 1)
     return None
 
 

@@ -1,22 +1,17 @@
-"""The page of a batch, one HTML file that works offline, and the operator's verdicts, ``review.jsonl``.
-
-The verdicts are an append-only list, kept as a session's journal is, in sealed lines
-(:mod:`flatcloth.session.journal_file`).
-"""
+"""The page of a batch, one HTML file that works offline, and the operator's verdicts, ``review.json``."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
 import shlex
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, cast, get_args
 
 import msgspec
 
@@ -24,100 +19,70 @@ from flatcloth.batch.jobs import THUMBNAIL_FILE
 from flatcloth.batch.rows import COLUMNS, DONE, ROW_FILE, Column, counted, is_result_name, rows_in
 from flatcloth.core.decoding import decoded
 from flatcloth.core.errors import FlatclothError, JournalError, RecordingError, os_errors_as
-from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain, replace_file
+from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.resources import static_folder
 from flatcloth.export.page import common_parts
 from flatcloth.recordings.options import OPTION_NAMES, SourceOptions
 from flatcloth.rendering.drawing import data_url
-from flatcloth.session.journal_file import JournalFile, LockedError, sealed, unsealed
+from flatcloth.session.journal_file import LockedError, open_locked, sealed, unsealed
 
 # --- verdicts -------------------------------------------------------------------------------------
 
-FILE = "review.jsonl"
-ACCEPTED, REJECTED = "accepted", "rejected"
-_VERDICTS = (ACCEPTED, REJECTED, None)
+FILE = "review.json"
+Verdict = Literal["accepted", "rejected"]
+_LOCK = ".review.lock"
 _writing = threading.Lock()
 """Two requests of this process would refuse each other's lock of the file."""
 
 
-class _Line(msgspec.Struct, frozen=True):
-    name: str
-    verdict: Any
-    time: str = ""
+class _Kept(msgspec.Struct, frozen=True):
+    verdicts: dict[str, Verdict] = {}
 
 
-@dataclass(frozen=True)
-class Verdicts:
-    """The last verdict on each result, by name.
+def read_verdicts(out: Path) -> tuple[dict[str, Verdict], str]:
+    """Return the verdicts on the results in a folder, by name, and what is wrong with their file; else empty.
 
-    ``damage`` says what is wrong with the list, in one line; the verdicts then are those of the lines before.
-    ``length`` is the size of its whole lines in bytes, ``link`` the checksum over them.
+    There are none if it is damaged.
     """
-
-    decided: Mapping[str, str]
-    damage: str | None = None
-    length: int = 0
-    link: int = 0
-
-
-def read_verdicts(out: Path) -> Verdicts:
-    """Return the verdicts on the results in a folder; a last line that was cut short does not count."""
+    file = out / FILE
     try:
-        return _read(out / FILE, read_plain(out / FILE, MOST_JOURNAL_BYTES))
+        line = read_plain(file)
+        unsealed(line.removesuffix(b"\n"), 0)
+        return decoded(line, _Kept).verdicts, ""
     except FileNotFoundError:
-        return Verdicts({})
+        return {}, ""
     except OSError as error:
-        return Verdicts({}, f"{out / FILE}: cannot be read ({error.strerror}). Check it.")
-
-
-def _read(path: Path, data: bytes) -> Verdicts:
-    decided: dict[str, str] = {}
-    length = link = 0
-    for number, line in enumerate(data.split(b"\n")[:-1], start=1):
-        try:
-            following, said = unsealed(line, link), decoded(line, _Line)
-            if said.verdict not in _VERDICTS:
-                raise ValueError
-        except ValueError:
-            damage = f"{path}: line {number} is damaged. Restore it from a copy, or cut the file before it."
-            return Verdicts(decided, damage, length, link)
-        decided.pop(said.name, None)
-        if said.verdict is not None:
-            decided[said.name] = said.verdict
-        length, link = length + len(line) + 1, following
-    return Verdicts(decided, None, length, link)
+        return {}, f"{file}: cannot be read ({error.strerror}). Check it."
+    except ValueError as error:
+        return {}, f"{file}: damaged ({error}). Restore it from a copy, or remove it."
 
 
 def decide(out: Path, name: str, verdict: str | None) -> None:
-    """Append a verdict, None to take it back, and wait until it is on disk.
+    """Keep a verdict on a result, None to take it back; it is on disk when this returns.
 
     Raises
     ------
     JournalError
-        If there is no such result or verdict, the list is damaged, or it cannot be written.
+        If there is no such result or verdict, their file is damaged, or it cannot be written.
     """
-    if verdict not in _VERDICTS or not is_result_name(name) or not (out / name / ROW_FILE).is_file():
+    is_verdict = verdict is None or verdict in get_args(Verdict)
+    if not is_verdict or not is_result_name(name) or not (out / name / ROW_FILE).is_file():
         raise JournalError(f"{name[:60]}: no such result, or no such verdict.")
-    line = _Line(name, verdict, datetime.now(UTC).isoformat(timespec="seconds"))
+    remedy = "Make room, and decide again."
     try:
-        with _writing:
-            file = JournalFile(out / FILE)
+        with _writing, os_errors_as(JournalError, f"{out / FILE}: cannot be written", remedy):
+            lock = open_locked(out / _LOCK)
             try:
-                before = _read(out / FILE, file.data)
-                if before.damage is not None:
-                    raise JournalError(f"The verdict is not kept. {before.damage}")
-                if before.length < len(file.data):
-                    file.cut(before.length)  # a crash left half a line, which was never acknowledged
-                file.append(sealed(msgspec.json.encode(line), before.link)[0])
+                kept, damage = read_verdicts(out)
+                if damage:
+                    raise JournalError(f"The verdict is not kept. {damage}")
+                others = {other: said for other, said in kept.items() if other != name}
+                decided = others if verdict is None else {**others, name: cast("Verdict", verdict)}
+                replace_file(out / FILE, sealed(msgspec.json.encode(_Kept(decided)), 0)[0])
             finally:
-                file.close()
+                os.close(lock)
     except LockedError as error:
         raise JournalError(f"{out / FILE}: another flatcloth writes to it; decide again.") from error
-    except OSError as error:
-        raise JournalError(
-            f"The verdict is not kept: {out / FILE} cannot be written ({error.strerror}); make room, and "
-            "decide again."
-        ) from error
 
 
 def reliability(row: Mapping[str, Any]) -> float:
@@ -186,7 +151,7 @@ def report_html(out: Path, *, served: bool) -> str:
 
 
 def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[str, Any]:
-    kept = read_verdicts(out)
+    decided, damage = read_verdicts(out)
     # The least reliable result first: failures, then by reliability.
     ordered = sorted(rows, key=lambda row: reliability(row) if row["outcome"] == DONE else -1.0)
     names = [column.name for column in COLUMNS]
@@ -197,7 +162,7 @@ def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[st
         shown_row |= {
             "place": place,
             "reliability": round(reliability(row), 4) if done else None,
-            "review": kept.decided.get(row["name"]),
+            "review": decided.get(row["name"]),
             "edited": done and _edited(out / row["name"]),
             "command": command_of(row, out),
             "thumbnail": _thumbnail(out / row["name"]),
@@ -205,7 +170,7 @@ def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[st
         shown.append(shown_row)
     counts = ", ".join(f"{n} {outcome}" for outcome, n in counted(rows).items() if n)
     seconds = sum(row.get("seconds") or 0.0 for row in rows)
-    versions, notes = sorted({str(row["version"]) for row in rows if row.get("version")}), [kept.damage or ""]
+    versions, notes = sorted({str(row["version"]) for row in rows if row.get("version")}), [damage]
     if len(versions) > 1:
         listed = ", ".join(versions)
         notes.append(

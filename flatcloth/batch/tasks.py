@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.batch.rows import rows_in
+from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError, RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_plain
 from flatcloth.recordings import SourceOptions, place_of
@@ -190,8 +191,7 @@ def _named(tasks: Iterable[Task], out: Path) -> list[Task]:
             name = _proposed(task.source)
             if taken.get(name, task.source) != task.source:
                 name = f"{name[:70]}-{hashlib.sha256(os.fsencode(task.source)).hexdigest()[:8]}"
-            taken[name] = own[task.source] = task.source
-            own[task.source] = name
+            taken[name], own[task.source] = task.source, name
         elif taken[name] != task.source:
             raise FlatclothError(
                 f"{task.source}: its name {name!r} is that of {taken[name]}; choose another."
@@ -228,13 +228,13 @@ def files_of(task: Task) -> list[Path]:
     return [*found, *(file for file in task.options.files() if file.exists())]
 
 
-def quick_signature(task: Task, settings: Mapping[str, Any]) -> str:
+def quick_signature(task: Task) -> str:
     """Return a hash of a task's options and settings, and of its files' names, sizes and times.
 
     Reads no file: 0.2 ms for 100 files. If it is unchanged, the task is the same; if it has changed,
     the task may still be the same.
     """
-    digest = _begun(task, settings)
+    digest = _begun(task)
     for file in files_of(task):
         try:
             about = file.stat()
@@ -244,7 +244,7 @@ def quick_signature(task: Task, settings: Mapping[str, Any]) -> str:
     return digest.hexdigest()
 
 
-def content_signature(task: Task, settings: Mapping[str, Any]) -> str:
+def content_signature(task: Task) -> str:
     """Return a hash of a task's options and settings, and of its files' names and contents.
 
     Raises
@@ -252,7 +252,7 @@ def content_signature(task: Task, settings: Mapping[str, Any]) -> str:
     RecordingError
         If a file cannot be read.
     """
-    digest = _begun(task, settings)
+    digest = _begun(task)
     root = Path(task.source)
     for file in files_of(task):
         name = file.relative_to(root) if file.is_relative_to(root) else file.name
@@ -264,6 +264,6 @@ def content_signature(task: Task, settings: Mapping[str, Any]) -> str:
     return digest.hexdigest()
 
 
-def _begun(task: Task, settings: Mapping[str, Any]) -> hashlib.blake2b:
-    about = [task.method, task.options.to_dict(), settings]
+def _begun(task: Task) -> hashlib.blake2b:
+    about = [task.method, task.options.to_dict(), Config().to_dict()]
     return hashlib.blake2b(json.dumps(about, sort_keys=True).encode(), digest_size=16)

@@ -102,11 +102,11 @@ def _evaluated(source: str, options: Options, progress: Progress) -> dict[str, A
     recording = open_recording(source)
     truth = Truth(recording.location)
     shape = integrate(recording, method=options.method, progress=progress, cores=1, sides=options.sides)
-    comparison = compare(shape.view, truth, recording)
+    evaluation = compare(shape.view, truth, recording)
     return {
         "recording": recording.name,
         "method": options.method,
-        **dataclasses.asdict(comparison.evaluation),
+        **dataclasses.asdict(evaluation),
         "views": list(shape.views),
         "seconds": round(shape.seconds["integrating"], 2),
         **_sides(shape, recording, truth),

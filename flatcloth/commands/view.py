@@ -100,7 +100,6 @@ def opened_place(options: Options, chosen: Chosen, current: Path | None = None) 
     from flatcloth.engine.warmup import begin_ahead, compile_beside
     from flatcloth.recordings import SourceOptions, open_recording
     from flatcloth.session.header import default_session_folder, kept_config
-    from flatcloth.session.kept import settle_axis
     from flatcloth.session.store import SessionFolder
 
     header, session = chosen.header, chosen.session
@@ -122,7 +121,6 @@ def opened_place(options: Options, chosen: Chosen, current: Path | None = None) 
         return None
     folder = SessionFolder.open(path, integration.recording, integration.config, method)
     try:
-        settle_axis(folder.folder, integration.views)
         compile_beside()
         begin_ahead(integration, folder.state)
         # The scene's library loads only now, while the first shape is being computed.
@@ -147,7 +145,6 @@ def opened_camera(options: Options, serial: str) -> Opened:
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.live import camera_recording
     from flatcloth.session.header import default_session_folder
-    from flatcloth.session.kept import settle_axis
     from flatcloth.session.store import SessionFolder
     from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
     from flatcloth.viewer.server.workspace import Opened
@@ -169,7 +166,6 @@ def opened_camera(options: Options, serial: str) -> Opened:
         )
         folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
         stack.callback(folder.close)
-        settle_axis(folder.folder, integration.views)
         controller = functools.partial(CaptureApplication, integration, folder, feed=feed, settings=settings)
         return Opened(integration, folder, controller=controller, close=stack.pop_all().close)
 

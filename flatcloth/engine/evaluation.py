@@ -44,8 +44,6 @@ FAR_RELATED_M = 0.030
 """A pixel of the other side is wrong if, in relation to this side, it is farther off than this. Chosen: the
 patterns of both sides agree to 3 to 8 mm only, since cloth stretches."""
 POINTS_FORMAT = "flatcloth-truth-points/1"
-FAR_POINT_M = 0.035
-"""Named points within this distance of their true place are counted. Chosen; not measured."""
 
 
 class Truth(Protocol):
@@ -89,21 +87,7 @@ class Evaluation:
     within_3_std_share: float = math.nan
 
 
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
-    """An evaluation, and what it was made of.
-
-    ``flat_uv_m`` (K, 2) the pixels of the result, aligned to the truth; ``true_uv_m`` (K, 2) their
-    true positions; ``std_mm`` (K,) the claimed standard deviations, NaN if there are none.
-    """
-
-    evaluation: Evaluation
-    flat_uv_m: Float64
-    true_uv_m: Float64
-    std_mm: Float64
-
-
-def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int = 0) -> Comparison:
+def compare(view: FlattenedView, truth: Truth, recording: Recording) -> Evaluation:
     """Compare a flattened result with the truth.
 
     Parameters
@@ -114,8 +98,6 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
         The truth of the recording.
     recording : Recording
         Its masks define the reachable cells.
-    seed : int
-        Seed of the random pairs.
 
     Raises
     ------
@@ -123,61 +105,56 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
         If no pixel of the result has a true position.
     """
     at, true_uv, known = true_places(view, truth, least=3)
-    fitted = trimmed_fit(at, true_uv)
+    fitted = trimmed_motion(at, true_uv).apply(at)
     error_mm = 1e3 * np.linalg.norm(fitted - true_uv, axis=1)
-    relative_mm = 1e3 * relative_errors_m(fitted, true_uv, np.random.default_rng(seed))
+    relative_mm = 1e3 * relative_errors_m(fitted, true_uv, np.random.default_rng(0))
     reachable, origin = reachable_cells(recording, truth)
     placed = _cells(true_uv, origin, reachable.shape)
-    far = 1e3 * FAR_M
-    evaluation = Evaluation(
-        absolute_median_mm=float(np.median(error_mm)),
-        absolute_p95_mm=float(np.percentile(error_mm, 95)),
+    return Evaluation(
+        **_errors("absolute", error_mm),
         absolute_rms_mm=float(np.sqrt(np.square(error_mm).mean())),
-        absolute_far_share=float((error_mm > far).mean()),
-        relative_median_mm=float(np.median(relative_mm)),
-        relative_p95_mm=float(np.percentile(relative_mm, 95)),
-        relative_far_share=float((relative_mm > far).mean()),
+        **_errors("relative", relative_mm),
         wrong_side_share=float((~known).mean()),
         coverage=float((placed & reachable).sum() / max(int(reachable.sum()), 1)),
         pixels=int(view.valid.sum()),
-        **_of_uncertainty(at, true_uv, 1e-3 * _std_mm(view, known)),
-    )
-    return Comparison(
-        evaluation=evaluation,
-        flat_uv_m=fitted,
-        true_uv_m=true_uv,
-        std_mm=_std_mm(view, known),
+        **_of_uncertainty(at, true_uv, claimed_std_m(view, known)),
     )
 
 
-def _of_uncertainty(at_m: Float64, true_m: Float64, std_m: Float64) -> dict[str, float]:
+def _errors(of: str, error_mm: Float64, far_m: float = FAR_M) -> dict[str, Any]:
+    """Return the figures of some errors, mm."""
+    return {
+        f"{of}_median_mm": float(np.median(error_mm)),
+        f"{of}_p95_mm": float(np.percentile(error_mm, 95)),
+        f"{of}_far_share": float((error_mm > 1e3 * far_m).mean()),
+    }
+
+
+def _of_uncertainty(at_m: Float64, true_m: Float64, std_m: Float64) -> dict[str, Any]:
     """Return the evaluation of the placement uncertainty (K,), if the result has one."""
     if not np.isfinite(std_m).any():
         return {}
     error_m = np.linalg.norm(trimmed_motion(at_m, true_m, std_m).apply(at_m) - true_m, axis=1)
     firm_mm = 1e3 * error_m[std_m <= FIRM_M]
-    figures = {
+    return {
         "firm_share": float((std_m <= FIRM_M).mean()),
         "within_3_std_share": float((error_m <= 3.0 * std_m + 0.001).mean()),
+        **(_errors("firm", firm_mm) if firm_mm.size else {}),
     }
-    if firm_mm.size:
-        figures |= {
-            "firm_median_mm": float(np.median(firm_mm)),
-            "firm_p95_mm": float(np.percentile(firm_mm, 95)),
-            "firm_far_share": float((firm_mm > 1e3 * FAR_M).mean()),
-        }
-    return figures
 
 
-def _std_mm(view: FlattenedView, known: Bool) -> Float64:
-    """Return the claimed standard deviations (K,); NaN if the result has none."""
+def claimed_std_m(view: FlattenedView, known: Bool) -> Float64:
+    """Return the deviations (K,) that a result claims for pixels whose truth is known; NaN without any."""
     if view.placement_std_m is None:
         return np.full(int(known.sum()), np.nan)
-    std_mm: Float64 = 1e3 * view.placement_std_m[view.valid][known].astype(np.float64)
-    return std_mm
+    std_m: Float64 = view.placement_std_m[view.valid][known].astype(np.float64)
+    return std_m
 
 
-def true_places(view: FlattenedView, truth: Truth, least: int = 0) -> tuple[Float64, Float64, Bool]:
+Places = tuple[Float64, Float64, Bool]
+
+
+def true_places(view: FlattenedView, truth: Truth, least: int = 0) -> Places:
     """Return the places (K, 2) of the pixels with a truth, their true places, and which pixels have one.
 
     Raises
@@ -310,18 +287,6 @@ def _cells(uv: Float64, origin: Float64, shape: Sequence[int]) -> Bool:
 # --- both sides -----------------------------------------------------------------------------------
 
 
-class _Read:
-    """The truth of all views, read once: it is looked up for each seam and each side."""
-
-    def __init__(self, truth: Truth, views: int) -> None:
-        self.panel_of_interest = truth.panel_of_interest
-        self._views = [truth[n] for n in range(views)]
-
-    def __getitem__(self, view_index: int) -> TrueView:
-        """Return the truth of one view."""
-        return self._views[view_index]
-
-
 class OtherTruth:
     """The truth of the other side, on its plane as seen from its own outside.
 
@@ -385,53 +350,38 @@ def compare_sides(
     EvaluationError
         If no pixel of a side has a true position.
     """
-    views = len(recording)
-    truth = _Read(truth, views)
-    its_truth = _Read(OtherTruth(truth, views), views)
-    other = sides.other.view
-    seen: dict[str, Any] = {
-        "this_seen": _share_of_seen(this, truth, views),
-        "other_seen": _share_of_seen(other, its_truth, views),
-    }
+    views, other = len(recording), sides.other.view
+    its_truth = OtherTruth(truth, views)
     unmasked = altered(recording, read=lambda n: images_of(recording[n])._replace(mask=None))
-    true_shares = [_true_matches(seam, this, other, truth, its_truth) for seam in sides.seams]
-    seen["true_match_share"] = (
-        float(np.concatenate([[], *true_shares]).mean()) if true_shares else float("nan")
-    )
-    seen["false_seams"] = sum(
-        bool(found.size and found.mean() < 0.5)
-        for seam, found in zip(sides.seams, true_shares, strict=True)
-        if not seam.why
-    )
-    evaluation = compare(other, its_truth, unmasked).evaluation
-    if not sides.is_related:
-        return SidesEvaluation(other=evaluation, **seen)
-    own_at, own_true, known = true_places(this, truth)
-    true_from_this = trimmed_motion(own_at, own_true, 1e-3 * _std_mm(this, known))
-    at, true, known = true_places(other, its_truth)
-    error_m = np.linalg.norm(true_from_this.apply(at * MIRROR) - true * MIRROR, axis=1)
-    std = other.placement_std_m
-    within = float("nan")
-    if std is not None:
-        std_m = std[other.valid][known]
-        within = float((error_m <= 3.0 * std_m + 0.001).mean())
-    return SidesEvaluation(
-        other=evaluation,
-        **seen,
-        related_median_mm=1e3 * float(np.median(error_m)),
-        related_p95_mm=1e3 * float(np.percentile(error_m, 95)),
-        related_far_share=float((error_m > FAR_RELATED_M).mean()),
-        related_within_3_std_share=within,
-    )
+    own, its = true_places(this, truth), true_places(other, its_truth)
+    matches = [_true_matches(seam, own, its) for seam in sides.seams]
+    figures: dict[str, Any] = {
+        "other": compare(other, its_truth, unmasked),
+        "this_seen": _share_of_seen(own[1], truth, views),
+        "other_seen": _share_of_seen(its[1], its_truth, views),
+        "true_match_share": float(np.concatenate([[], *matches]).mean()) if matches else math.nan,
+        "false_seams": sum(
+            bool(found.size and found.mean() < 0.5)
+            for seam, found in zip(sides.seams, matches, strict=True)
+            if not seam.why
+        ),
+    }
+    if sides.is_related:
+        at, true, known = own
+        true_from_this = trimmed_motion(at, true, claimed_std_m(this, known))
+        at, true, known = its
+        error_m = np.linalg.norm(true_from_this.apply(at * MIRROR) - true * MIRROR, axis=1)
+        figures |= _errors("related", 1e3 * error_m, FAR_RELATED_M)
+        if other.placement_std_m is not None:
+            within = error_m <= 3.0 * claimed_std_m(other, known) + 0.001
+            figures["related_within_3_std_share"] = float(within.mean())
+    return SidesEvaluation(**figures)
 
 
-def _true_matches(
-    seam: Seam, this: FlattenedView, other: FlattenedView, truth: Truth, its_truth: Truth
-) -> Bool:
+def _true_matches(seam: Seam, own: Places, its: Places) -> Bool:
     """Return which places of a seam are one place of the pattern, of those (K,) whose truth is known."""
     ends = []
-    for view, uv_m, own in ((this, seam.this_uv_m, truth), (other, seam.other_uv_m, its_truth)):
-        at, true, _ = true_places(view, own)
+    for uv_m, (at, true, _) in ((seam.this_uv_m, own), (seam.other_uv_m, its)):
         away, nearest = cKDTree(at).query(np.nan_to_num(uv_m))
         ends.append(np.where((away < NEAR_SEAM_M)[:, None], true[nearest], np.nan))
     off_m = np.linalg.norm(ends[0] - ends[1] * MIRROR, axis=1)
@@ -439,13 +389,12 @@ def _true_matches(
     return found
 
 
-def _share_of_seen(view: FlattenedView, truth: Truth, views: int) -> float:
-    """Return which share of the cells that any view shows is in a shape."""
-    _, true, _ = true_places(view, truth)
+def _share_of_seen(true: Float64, truth: Truth, views: int) -> float:
+    """Return which share of the cells that any view shows has one of the true places (K, 2) of a shape."""
     placed = {tuple(cell) for cell in np.unique(np.floor(true / CELL_M).astype(int), axis=0).tolist()}
     seen: set[tuple[int, int]] = set()
-    for n in range(views):
-        shown = truth[n].flat_uv_m[of_interest(truth[n], truth.panel_of_interest)]
+    for each in (truth[n] for n in range(views)):
+        shown = each.flat_uv_m[of_interest(each, truth.panel_of_interest)]
         seen |= {tuple(cell) for cell in np.unique(np.floor(shown / CELL_M).astype(int), axis=0).tolist()}
     return len(placed & seen) / max(len(seen), 1)
 
@@ -570,38 +519,6 @@ def compare_garment(
             )
         ],
     )
-
-
-def garment_summary(rows: list[GarmentEvaluation]) -> dict[str, float]:
-    """Return the figures over several recordings."""
-    seen = np.array([e for row in rows for e in row.seen_mm.values()])
-    unseen = np.array([e for row in rows for e in row.unseen_mm.values()])
-    normed = np.array([e for row in rows for e in row.normed.values()])
-    sizes = np.abs([e for row in rows for e in row.dimension_errors.values()])
-    pieces = np.array([e for row in rows for e in row.pieces_mm])
-
-    def median(values: Float64) -> float:
-        return float(np.median(values)) if values.size else math.nan
-
-    def share(hits: object) -> float:
-        found = np.asarray(hits)
-        return float(found.mean()) if found.size else math.nan
-
-    return {
-        "recordings": len(rows),
-        "kind_right": sum(row.kind == row.true_kind for row in rows),
-        "seen_points": seen.size,
-        "seen_median_mm": median(seen),
-        "seen_within_35_mm": share(seen <= 1e3 * FAR_POINT_M),
-        "unseen_points": unseen.size,
-        "unseen_median_mm": median(unseen),
-        "within_3_std": share(normed <= 3.0),
-        "dimensions_median": median(sizes),
-        "dimensions_within_3_percent": share(sizes <= 0.03),
-        "pieces_placed": pieces.size,
-        "pieces_median_mm": median(pieces),
-        "pieces_worst_mm": float(pieces.max()) if pieces.size else math.nan,
-    }
 
 
 def _corners_in_order(placed: dict[str, Float64], true: dict[str, Float64]) -> dict[str, Float64]:

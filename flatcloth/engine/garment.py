@@ -66,19 +66,16 @@ from flatcloth.garments.true_edges import FARTHEST_M, SeenFrom
 from flatcloth.methods.answers import Canonical, JoinedSides, OneSide
 from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.registration.registered import Registered
-from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.other_side import other_side
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
     DecidedSeam,
-    DecideLink,
-    DecidePiece,
-    DecideSeam,
     GarmentDecisions,
     PlacedPiece,
     without_doubts,
 )
-from flatcloth.session.machine import Keeper, MemorySession, SessionState
+from flatcloth.session.machine import MemorySession, SessionState
+from flatcloth.session.store import Keeper
 
 _SEAM_PLACES = 40
 """Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
@@ -168,15 +165,13 @@ class KnownGarment:
 class GarmentService:
     """Recognises the garments of an integration's shapes, and joins the other side of the item to them.
 
-    It keeps the last results. Safe for several threads.
+    It keeps the last results. Once the other side was joined, one outline is fitted to the edges of both.
+    Safe for several threads.
 
     Parameters
     ----------
     integration : Integration
         Of this side. Frames are read through it, and the other side has its axis and settings.
-    joins : bool
-        Whether decisions about the garment look at the other side. Whenever that was joined, one outline is
-        fitted to the edges of both.
     doubts_links : bool
         Whether links of this side that no garment allows are looked for, which takes seconds.
     doubts_other_links : bool
@@ -190,12 +185,11 @@ class GarmentService:
         self,
         integration: Integration,
         *,
-        joins: bool = False,
         doubts_links: bool = True,
         doubts_other_links: bool = True,
         keeps_views: bool = False,
     ) -> None:
-        self.integration, self.joins = integration, joins
+        self.integration = integration
         self._doubts_links, self._doubts_other_links = doubts_links, doubts_other_links
         self._keeps_views = keeps_views
         self._lock, self._joining = threading.Lock(), threading.Lock()
@@ -359,7 +353,9 @@ class GarmentService:
                 if kept is not None and not self._keeps_views:
                     kept[0].views.release(kept[1].used_views)
                     kept[0].algorithm.release(surfaces=True)
-                return self._trusted(document, joined)
+                this = self.integration
+                shape, cameras = this.canonical(document), this.algorithm.cameras(document)
+                return this.trust.of_sides(document, shape, cameras, joined)
         except FlatclothError as error:
             return f"Only one side is in the shape: {error}"
 
@@ -373,8 +369,8 @@ class GarmentService:
         return found if found is not None and found[0].is_related else None
 
     def sides(self, document: Document) -> JoinedSides | None:
-        """Return the sides as :meth:`other` does; they are joined first if the service ``joins`` them."""
-        if self.joins:
+        """Return the sides as :meth:`other` does; they are joined first if the other side is integrated."""
+        if self._of(document) in self._others:
             self.joined(document)
         other = self.other(document)
         return None if other is None else other[0]
@@ -412,12 +408,6 @@ class GarmentService:
         motions = pieces.shape_from_piece.items()
         laid = [LaidPiece(index=n, shape_from_piece=motion, std_m=pieces.std_m[n]) for n, motion in motions]
         return this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
-
-    def _trusted(self, document: Document, joined: JoinedSides) -> JoinedSides:
-        this = self.integration
-        return this.trust.of_sides(
-            document, this.canonical(document), this.algorithm.cameras(document), joined
-        )
 
     def integrated(
         self, document: Document, progress: Progress = no_progress
@@ -457,13 +447,10 @@ class GarmentService:
         views.segment(document.strokes, progress)
         if any(views.recorded(n).other_mask is not None for n in range(len(views.recording))):
             return lambda frame: _or_empty(frame.other_mask, frame)
-        sides = views.sides
-        if sides is None:
-            seen: Evidence = evidence_of_sides(
-                views, progress, confirmed=self._confirmed(document) is not None
-            )
+        if views.finds_sides:
+            seen = views.solver(progress).observed
         else:
-            seen = sides.solver(progress).observed
+            seen = evidence_of_sides(views, progress, confirmed=self._confirmed(document) is not None)
         found = other_side(seen, lambda n: _or_empty((frame := views.frame(n)).mask, frame))
         noisy = seen.noisy
         # Only the masks are kept, a bit a pixel: what they were found from takes 75 MB.
@@ -587,7 +574,7 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
             break
         assert known.cloth is not None, "links are doubted on known cloth"
         link = known.links[0]
-        session.record(DecideLink(decided_part(known.cloth, link.part, link.probability, taken_off=True)))
+        session.record(decided_part(known.cloth, link.part, link.probability, taken_off=True))
         known = service.known(session.state.document)
     if isinstance(known, str):
         return known
@@ -596,16 +583,14 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
         cloth = known.cloth
         if cloth is not None and link.std_m and not is_decided(cloth, link.part, before):
             decision = decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m)
-            session.record(DecideLink(decision))
+            session.record(decision)
     return _with_sure_pieces(known, service, session)
 
 
-def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:
+def decided_seam(xyz_m: Float64, *, kept: bool) -> DecidedSeam:
     """Return the decision about a seam with places (K, 3) in the object frame, by some of them."""
     some = np.linspace(0, len(xyz_m) - 1, min(len(xyz_m), _SEAM_PLACES)).astype(np.intp)
-    return DecideSeam(
-        DecidedSeam(kept=kept, points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[some]))
-    )
+    return DecidedSeam(kept=kept, points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[some]))
 
 
 def _decide_joints(service: GarmentService, session: Keeper) -> None:
@@ -627,7 +612,7 @@ def _decide_joints(service: GarmentService, session: Keeper) -> None:
             if not is_decided(cloth, part, document.garment.parts):
                 right = 1.0 - joint.false
                 decision = decided_part(cloth, part, right, taken_off=joint.is_false, std_m=std_m)
-                session.record(DecideLink(decision))
+                session.record(decision)
         if not any(joint.is_false for joint in joints):
             break
 
@@ -644,7 +629,7 @@ def _with_sure_pieces(known: KnownGarment, service: GarmentService, session: Kee
     decided, unsure = known.pieces, frozenset() if known.sides is None else known.sides.unsure
     for piece in known.found.pieces if known.found.kind != NONE else ():
         if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused, *unsure}:
-            session.record(DecidePiece(piece_decision(known.canonical, piece, accepted=True)))
+            session.record(piece_decision(known.canonical, piece, accepted=True))
     return service.known(session.state.document)
 
 
@@ -669,7 +654,7 @@ def known_by_both(
     then it is known by this one.
     """
     service = GarmentService(
-        integration, joins=True, doubts_links=False, doubts_other_links=doubts_links, keeps_views=True
+        integration, doubts_links=False, doubts_other_links=doubts_links, keeps_views=True
     )
     service.joined(document)
     return service, None if service.other(document) is None else known_with_pieces(service, document)

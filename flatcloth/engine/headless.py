@@ -1,4 +1,4 @@
-"""A session without an operator: a policy decides."""
+"""A session without an operator: views are accepted by their scores, or all at once."""
 
 from __future__ import annotations
 
@@ -17,9 +17,6 @@ from flatcloth.session.machine import (
     Command,
     Event,
     Failed,
-    Keeper,
-    LeftOut,
-    Nudge,
     Phase,
     Propose,
     Reject,
@@ -28,18 +25,7 @@ from flatcloth.session.machine import (
     Start,
     Started,
 )
-
-Policy = Callable[[Integration, SessionState], Accept | Reject | Nudge]
-"""Returns the verdict on the pending proposal, or first moves it to another placement."""
-
-
-def accept_by_score(integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
-    """Accept proposals with a sufficient score; reject the others as uncertain, to be tried again later."""
-    pending = state.document.pending
-    assert pending is not None
-    if integration.score(state.document).total < integration.accept_score:
-        return Reject(pending.view_index, UNSURE)
-    return Accept(pending.view_index)
+from flatcloth.session.store import Keeper
 
 
 @dataclass(frozen=True)
@@ -66,10 +52,6 @@ class Run:
         Computes the answers.
     session : Keeper
         Owns the state, new or resumed, and records all commands and answers.
-    policy : Policy
-        Decides about proposals.
-    watch : callable
-        Called with every command and answer after it was recorded, in order.
     on_view : callable
         Called after the start view and after each decision about a proposed view.
 
@@ -81,8 +63,6 @@ class Run:
 
     integration: Integration
     session: Keeper
-    policy: Policy = accept_by_score
-    watch: Callable[[Command | Event], None] = field(default=lambda _: None)
     on_view: Callable[[ViewDecision], None] = field(default=lambda _: None)
     decisions: list[ViewDecision] = field(default_factory=list)
     _reads_ahead: bool = False
@@ -114,12 +94,13 @@ class Run:
         self._reads_ahead = cores > 1
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
-        if self._takes_all:
-            self._take_all(progress)
+        if self._takes_all:  # and nothing was decided about the others
+            known = self.state.document.used_views | self.state.document.refused_views
+            self._take([n for n in range(len(self.integration.recording)) if n not in known], progress)
         while self.state.phase is not Phase.FINISHED:
             match self.state.phase:
                 case Phase.DECIDING:
-                    self._do(self.policy(self.integration, self.state))
+                    self._do(self._verdict())
                 case Phase.COMPUTING:
                     self._answer(progress)
                 case _:
@@ -130,24 +111,26 @@ class Run:
     def _takes_all(self) -> bool:
         return (
             self.integration.algorithm.takes_all
-            and self.policy is accept_by_score
             and self.state.phase is Phase.READY
             and not self.state.document.later
         )
 
-    def _take_all(self, progress: Progress) -> None:
-        """Accept all views that nothing was decided about, each where it hangs."""
-        document, count = self.state.document, len(self.integration.recording)
-        known = document.used_views | document.refused_views
-        self._take([view for view in range(count) if view not in known], progress)
+    def _verdict(self) -> Accept | Reject:
+        """Return the verdict on the proposal by its score; what is uncertain is tried again later."""
+        document = self.state.document
+        assert document.pending is not None
+        view = document.pending.view_index
+        is_unsure = self.integration.score(document).total < self.integration.accept_score
+        return Reject(view, UNSURE) if is_unsure else Accept(view)
 
     def _take(self, views: Sequence[int], progress: Progress) -> None:
+        """Accept views, each where it hangs."""
         if self._reads_ahead:
             self.integration.views.read_ahead(reversed(views))
         why = self.integration.why_left_out(self.state.document, views, progress)
         taken = tuple(view for view in views if view not in why)
         if views:
-            self._do(AcceptAll(taken, tuple(LeftOut(view, text) for view, text in why.items())))
+            self._do(AcceptAll(taken, tuple(why.items())))
 
     def add(self, view_index: int, progress: Progress = no_progress) -> str:
         """Integrate a view that was added to the recording, and views that waited for it.
@@ -193,12 +176,11 @@ class Run:
         elif isinstance(command, AcceptAll):
             decided = [ViewDecision(view, accepted=True) for view in command.view_indices]
             decided += [
-                ViewDecision(each.view_index, accepted=False, reason=each.reason) for each in command.left_out
+                ViewDecision(view, accepted=False, reason=reason) for view, reason in command.left_out
             ]
         started = [ViewDecision(command.view_index, accepted=True)] if isinstance(command, Started) else []
         self.decisions += decided
         self.session.record(command)
-        self.watch(command)
         for decision in (*decided, *started):
             self.on_view(decision)
 

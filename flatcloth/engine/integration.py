@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,54 +31,24 @@ from flatcloth.core.types import (
     RotationAxis,
     no_progress,
 )
-from flatcloth.engine.placing import (
-    RefinedScore,
-    follow,
-    laid_beside,
-    plan_put_off,
-    refine_and_score,
-)
+from flatcloth.engine.placing import RefinedScore, follow, laid_beside, plan_put_off
 from flatcloth.engine.trust import Trust
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.resampling import place_all
 from flatcloth.garments.deciding import decided_parts, with_doubts
-from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
+from flatcloth.methods.answers import AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method
 from flatcloth.methods.registry import load_method, method_name
 from flatcloth.methods.starting import overlap_area_m2, side_of
 from flatcloth.recordings.base import Recording
 from flatcloth.registration.axis import THREADS
-from flatcloth.session.document import Document, Pending, PlacedPart, Rejected, Side, accept_all
+from flatcloth.session.document import Document, PlacedPart, Rejected, Side, accept_all
 from flatcloth.session.machine import Event, NothingMore, Proposed, Request, Started
 from flatcloth.shape.joints import DecidedParts
 
 CONTRADICTS = "contradicts the other views"
 """Reason why a view is left out: too many of its pairs contradict those of the other views."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Proposal:
-    """A view placed on the canonical shape.
-
-    ``placement`` is the method's placement of one component, with its reasons; ``plan`` is None for a
-    view that the operator chose.
-    """
-
-    view_index: int
-    side: Side | None
-    plan: Plan | None
-    placement: Placement
-
-    @property
-    def component(self) -> int:
-        """The component of the view that is placed."""
-        return self.placement.component
-
-    @property
-    def alignment(self) -> Alignment:
-        """The alignment of that component."""
-        return self.placement.alignment
 
 
 class _ByGarment(NamedTuple):
@@ -160,7 +130,7 @@ class Integration:
 
     def _forget(self) -> None:
         """Drop all data derived from the single views, because the axis or the masks have changed."""
-        self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
+        self._proposals: Cache[tuple[Placement, str]] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
         self._decided: Cache[_ByGarment] = Cache(2)
         self.outlines: Cache[Any] = Cache(3)
@@ -259,12 +229,11 @@ class Integration:
 
     # ---------------------------------------------------------------- proposals
 
-    def proposal(self, document: Document) -> Proposal:
-        """Return the proposal of a document's pending view; after resuming it is computed again."""
+    def proposal(self, document: Document) -> Placement:
+        """Return the placement of a document's pending view; after resuming it is computed again."""
         if (pending := document.pending) is None:
             raise FlatclothError("There is no proposal now; step first.")
-        key = (*_shape_of(document), pending.view_index, pending.side)
-        return self._proposals.get(key, lambda: self._proposal_again(document, pending))
+        return self._placed(document, pending.view_index, pending.side)[0]
 
     def overlay(self, document: Document) -> FlattenedView:
         """Return the proposal, rasterised on the current plane at its effective placement."""
@@ -286,8 +255,16 @@ class Integration:
         return self.algorithm.score(document, pending.view_index, pending.component, pending.current_from_new)
 
     def refined_score(self, document: Document) -> RefinedScore:
-        """Return the scores of the effective placement and of its refinement."""
-        return refine_and_score(self.algorithm, document)
+        """Return the score of the effective placement, and what refining would make of it."""
+        pending = document.pending
+        assert pending is not None
+        view, component = pending.view_index, pending.component
+        refined = self.algorithm.refined(document, view, component, pending.current_from_new)
+        return RefinedScore(
+            score=self.score(document),
+            refined=refined,
+            refined_score=self.algorithm.score(document, view, component, refined),
+        )
 
     def answer(self, document: Document, request: Request, progress: Progress = no_progress) -> Event:
         """Compute the answer to a session's request.
@@ -347,32 +324,35 @@ class Integration:
                 reason = plan.reason + (" Left out: " + " ".join(tried) if tried else "")
                 return NothingMore(token, reason)
             try:
-                proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
+                placement, trouble = self._placed(document, plan.view_index, plan.side, progress)
             except (SurfaceError, FlatteningError, AlignmentError) as error:
-                tried.append(str(error))
-                passed.add(Rejected(plan.view_index, str(error), len(document.accepted)))
-                continue
-            return self._proposed(document, token, proposal)
+                trouble = str(error)
+            if not trouble:
+                return _proposed(token, plan.view_index, plan.side, placement)
+            tried.append(trouble)
+            passed.add(Rejected(plan.view_index, trouble, len(document.accepted)))
 
     def _by_hand(self, document: Document, token: int, view_index: int, progress: Progress) -> Event:
         angles_deg = self.recording.angles_deg
         side = side_of(document, angles_deg, view_index) if self.algorithm.has_sides else None
-        try:
-            proposal = self._propose(document, view_index, side, None, progress)
-        except AlignmentError as error:
-            proposal = self._unaligned(document, view_index, side, error)
-            return self._proposed(document, token, proposal, f"{error} It lies next to the shape; move it.")
-        return self._proposed(document, token, proposal)
+        placement, trouble = self._placed(document, view_index, side, progress)
+        why = f"{trouble} It lies next to the shape; move it." if trouble else ""
+        return _proposed(token, view_index, side, placement, why)
 
-    def _proposal_again(self, document: Document, pending: Pending) -> Proposal:
-        try:
-            return self._propose(document, pending.view_index, pending.side, None, no_progress)
-        except AlignmentError as error:
-            return self._unaligned(document, pending.view_index, pending.side, error)
+    def _placed(
+        self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
+    ) -> tuple[Placement, str]:
+        """Return where a view lies, and why it lies next to the shape if it cannot be aligned (cached)."""
 
-    def _unaligned(
-        self, document: Document, view_index: int, side: Side | None, error: AlignmentError
-    ) -> Proposal:
+        def make() -> tuple[Placement, str]:
+            try:
+                return self.algorithm.propose(document, view_index, side, progress), ""
+            except AlignmentError as error:
+                return self._beside(document, view_index, error), str(error)
+
+        return self._proposals.get((*_shape_of(document), view_index, side), make)
+
+    def _beside(self, document: Document, view_index: int, error: AlignmentError) -> Placement:
         """Place the largest component without folds next to the shape; raise an error if all are folded."""
         most = self.config.flattening.max_folded_share
         components = enumerate(self.views.flattening(view_index).components)
@@ -380,29 +360,14 @@ class Integration:
         if not parts:
             raise error
         to_side = side_of(document, self.recording.angles_deg, view_index)
-        placement = laid_beside(self.canonical(document).view, parts, to_side)
-        return Proposal(view_index=view_index, side=side, plan=None, placement=placement)
+        return laid_beside(self.canonical(document).view, parts, to_side)
 
-    def _propose(
-        self, document: Document, view_index: int, side: Side | None, plan: Plan | None, progress: Progress
-    ) -> Proposal:
-        placement = self.algorithm.propose(document, view_index, side, progress)
-        return Proposal(view_index=view_index, side=side, plan=plan, placement=placement)
 
-    def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
-        key = (*_shape_of(document), proposal.view_index, proposal.side)
-        self._proposals.drop(lambda kept: kept == key)  # that of a view which was chosen by hand before
-        self._proposals.put(key, proposal)
-        return Proposed(
-            token,
-            proposal.view_index,
-            proposal.alignment.current_from_new,
-            proposal.side,
-            proposal.alignment.score.total,
-            proposal.component,
-            why,
-            proposal.placement.also,
-        )
+def _proposed(
+    token: int, view_index: int, side: Side | None, placement: Placement, why: str = ""
+) -> Proposed:
+    motion, score = placement.alignment.current_from_new, placement.alignment.score.total
+    return Proposed(token, view_index, motion, side, score, placement.component, why, placement.also)
 
 
 def _shape_of(document: Document) -> tuple[Hashable, ...]:

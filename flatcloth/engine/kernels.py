@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import sigutils
 
 TABLE = Path(__file__).with_name("kernels.json")
 _types: Any = numba.types
+_parsed: Any = sigutils.normalize_signature
 
 
 @dataclass(frozen=True)
@@ -96,13 +98,8 @@ def _type(argument: Any) -> Any:
         if len(set(of_fields)) == 1:
             return _types.NamedUniTuple(of_fields[0], len(of_fields), _attribute(name))
         return _types.NamedTuple(of_fields, _attribute(name))
-    scalar, _, order = argument.partition("[")
-    of_scalar = getattr(_types, scalar)
-    if not order:
-        return of_scalar
-    dimensions = order.count(":") - order.count("::")
-    layout = "C" if order.endswith("::1]") else "F" if order.startswith("::1") else "A"
-    return _types.Array(of_scalar, dimensions, layout)
+    (parsed,), _ = _parsed(f"void({argument})")
+    return parsed
 
 
 def _attribute(name: str) -> Any:

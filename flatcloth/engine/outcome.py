@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from flatcloth.checking.result import told
 from flatcloth.core.decoding import decoded
 from flatcloth.core.plain_files import read_plain
-from flatcloth.core.types import FlattenedView
+from flatcloth.core.types import FlattenedView, finite
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.joints import Joint, alternatives, joints_of
 from flatcloth.engine.result import pixel_counts, uncertainty
@@ -78,7 +76,7 @@ def outcome_of(
         ],
         "alternatives": [
             {
-                "probability": _number(each.probability),
+                "probability": finite(round(each.probability, 4)),
                 "false_joint": next((n for n, joint in enumerate(joints) if joint is each.joint), None),
             }
             for each in alternatives(joints)
@@ -91,7 +89,7 @@ def outcome_of(
 
 def _accepted(added: Accepted, angle_deg: float, limit: float) -> dict[str, Any]:
     """Return an accepted view; ``flagged``: its score is below what is accepted without an operator."""
-    score = None if added.score is None else _number(added.score)
+    score = None if added.score is None else finite(round(added.score, 4))
     return {
         "view_index": added.view_index,
         "angle_deg": angle_deg,
@@ -138,10 +136,6 @@ def _cameras(integration: Integration, document: Document) -> dict[str, Any]:
         for seen in registered.views
     ]
     return {"cameras": {"moved": registered.is_loose, "found": describe(registered), "views": views}}
-
-
-def _number(value: float) -> float | None:
-    return round(value, 4) if math.isfinite(value) else None
 
 
 def lines_of(outcome: dict[str, Any]) -> list[str]:
@@ -258,14 +252,10 @@ def other_side_lines(entry: dict[str, Any]) -> list[str]:
     return [f"{line}.", *_joint_line(entry["joints"], "the other side")]
 
 
-class _Kept(msgspec.Struct, frozen=True):
-    other_side: dict[str, Any] | None = None
-
-
 def has_other_side(folder: Path) -> bool:
     """Return whether the report in a folder has the other side of the item."""
     try:
-        return decoded(read_plain(folder / FILE), _Kept).other_side is not None
+        return decoded(read_plain(folder / FILE), dict[str, Any]).get("other_side") is not None
     except (OSError, ValueError):
         return False
 

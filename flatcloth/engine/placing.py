@@ -124,19 +124,6 @@ class RefinedScore:
     refined_score: AlignmentScore
 
 
-def refine_and_score(method: Method, document: Document) -> RefinedScore:
-    """Return the result of refining the proposal from its present placement, without changing it."""
-    pending = document.pending
-    assert pending is not None
-    view, component, motion = pending.view_index, pending.component, pending.current_from_new
-    refined = method.refined(document, view, component, motion)
-    return RefinedScore(
-        score=method.score(document, view, component, motion),
-        refined=refined,
-        refined_score=method.score(document, view, component, refined),
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class PairFit:
     """A fit to pairs of points: ``by`` moves the proposal; residuals (N,) in m before and after it."""

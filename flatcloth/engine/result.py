@@ -195,15 +195,12 @@ class Areas:
 
     def compute(self, document: Document, order: int) -> None:
         """Compute the area after one view; the start view has order 0."""
-        self._keep(document, order, earlier_shape(self.integration, document, order))
+        self.note(at_step(document, order), earlier_shape(self.integration, document, order))
 
     def note(self, document: Document, canonical: Canonical) -> None:
         """Store the known area of a document's shape."""
-        self._keep(document, len(document.accepted), canonical)
-
-    def _keep(self, document: Document, order: int, canonical: Canonical) -> None:
         floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
-        self._known[_key(document, order)] = canonical.view.area_m2 + floating_m2
+        self._known[_key(document, len(document.accepted))] = canonical.view.area_m2 + floating_m2
 
 
 def _count(document: Document) -> int:

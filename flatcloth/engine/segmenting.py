@@ -21,7 +21,7 @@ from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.observed import Evidence, gather_evidence
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
-from flatcloth.session.machine import Keeper, paint
+from flatcloth.session.store import Keeper
 
 MOST_VIEWS = 600
 """Views in which sides are found. They are registered together: time and memory grow with the square (1,000
@@ -110,7 +110,7 @@ def take_strokes(views: RecordedViews, session: Keeper, strokes: Sequence[Decisi
             raise SegmentationError(f"{recording.location}: decision {n}: {why}")
     for stroke in () if recording.has_masks else strokes:
         if stroke not in session.state.document.strokes:
-            session.record(paint(stroke))
+            session.record(stroke)
 
 
 def summary(segmentation: Segmentation) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,9 +27,7 @@ from flatcloth.flattening.resampling import place
 from flatcloth.garments.deciding import DecidedPieces, decided_pieces
 from flatcloth.methods.answers import Canonical
 from flatcloth.methods.base import Views
-
-if TYPE_CHECKING:
-    from flatcloth.session.document import Document
+from flatcloth.session.document import Document, PlacedPart
 
 GAP_M = 0.04
 """Between the shape and the pieces, and between two pieces: wider than a finger's width of cloth. Set by
@@ -306,17 +304,8 @@ def outline_loops(view: FlattenedView) -> list[Float64]:
     return [view.uv_from_rc(each.astype(np.float64)) for each in kept]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PiecePlace:
-    """Where a component of a view lies that shows most of a piece; ``placement`` leads to the sheet."""
-
-    view_index: int
-    component: int
-    placement: Rigid2
-
-
-def place_of_piece(views: Views, piece: SheetPiece, accepted: Sequence[int]) -> PiecePlace:
-    """Return the component of an accepted view that shows much of a piece, and where it lies.
+def place_of_piece(views: Views, piece: SheetPiece, accepted: Sequence[int]) -> PlacedPart:
+    """Return the component of an accepted view that shows much of a piece, where it lies on the sheet.
 
     Of the views that show at least half as much as the best one, it is the one accepted last: fewer
     decisions follow it.
@@ -351,7 +340,7 @@ def place_of_piece(views: Views, piece: SheetPiece, accepted: Sequence[int]) -> 
         raise FlatclothError(
             f"No component of view {view_index} shows piece {piece.label}; reopen the view itself."
         )
-    return PiecePlace(view_index=view_index, component=best[1], placement=best[2])
+    return PlacedPart(view_index, best[1], best[2])
 
 
 def is_on_shape(views: Views, canonical: Canonical, view_index: int, component: int) -> bool:

@@ -19,7 +19,7 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config
 from flatcloth.core.errors import AlignmentError, ConfigError
 from flatcloth.core.types import FlattenedView, Float64, Int32, Progress, Rigid2, Uint8, no_progress
-from flatcloth.engine.integration import Integration, Proposal
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import prepare
 from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.flatten import Flattening, Level, flatten
@@ -27,7 +27,7 @@ from flatcloth.flattening.surface import observe_item
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import STARTS, Fit, refine, starts
 from flatcloth.garments.recognition import THINNED
-from flatcloth.methods.answers import Canonical
+from flatcloth.methods.answers import Alignment, Canonical
 from flatcloth.methods.paper.merging import shows
 from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.methods.paper.occlusion import occluding_edges
@@ -85,7 +85,8 @@ class AlignmentLesson:
     ``KEPT``, ``NEW``, ``OLD_OF_BOTH``, ``NEW_OF_BOTH``, 0 for none.
     """
 
-    proposal: Proposal
+    view_index: int
+    alignment: Alignment
     flattening: Flattening
     current: FlattenedView
     new: FlattenedView
@@ -179,7 +180,7 @@ class Teaching:
 
         def find() -> tuple[Segmentation, Slice]:
             views = self._session.views
-            solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
+            solver = views.solver(progress) if views.finds_sides else prepare(views, progress)
             return solver.solve(()), telling_slice(solver.observed, views.axis)
 
         return self._sides.get("sides", find)
@@ -192,11 +193,11 @@ def _align(paper: Integration, document: Document, progress: Progress) -> Alignm
     if not isinstance(event, Proposed):
         raise AlignmentError(getattr(event, "reason", "There is no view to add."))
     answered = apply(asked, event)
-    proposal = paper.proposal(answered.document)
+    alignment = paper.proposal(answered.document).alignment
     progress(0.9, "following the search")
     current, new = paper.canonical(document).view, paper.views.part(event.view_index, event.component)
     watched = WatchedMatcher(current, new, paper.axis)
-    watched.search(proposal.alignment.initial)
+    watched.search(alignment.initial)
     progress(0.98, "renewing the flattened view")
     also = tuple(p for p in event.also if p.view_index == event.view_index)
     (accepted,) = apply(answered, Accept(event.view_index)).document.accepted
@@ -206,7 +207,8 @@ def _align(paper: Integration, document: Document, progress: Progress) -> Alignm
     ]
     renewed = paper.canonical(replace(document, accepted=(replace(accepted, also=also),)))
     return AlignmentLesson(
-        proposal=proposal,
+        view_index=event.view_index,
+        alignment=alignment,
         flattening=paper.views.flattening(event.view_index),
         current=current,
         new=new,

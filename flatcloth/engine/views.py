@@ -65,35 +65,6 @@ SOLUTIONS_KEPT = 8
 """Number of cached solutions, for undo and redo of strokes. Set by hand."""
 
 
-class Sides:
-    """The side of interest of a recording without masks, found once and corrected by each stroke.
-
-    Parameters
-    ----------
-    observe : callable
-        Reads all views once (takes seconds) and returns a solver; called with a progress.
-    """
-
-    def __init__(self, observe: Callable[[Progress], SideSolver]) -> None:
-        self._observe = observe
-        self._solver: Cache[SideSolver] = Cache(1)
-        self._solutions: Cache[Segmentation] = Cache(SOLUTIONS_KEPT)
-
-    def solver(self, progress: Progress = no_progress) -> SideSolver:
-        """Return the solver; the first call looks at all views.
-
-        Raises
-        ------
-        SegmentationError
-            If no view shows an item, or there are two.
-        """
-        return self._solver.get("solver", lambda: self._observe(progress))
-
-    def masks(self, strokes: tuple[Decision, ...], progress: Progress = no_progress) -> Segmentation:
-        """Return the masks that follow from strokes; errors as :meth:`solver`."""
-        return self._solutions.get(strokes, lambda: self.solver(progress).solve(strokes))
-
-
 class RecordedViews:
     """The views of a recording about its turning axis, and the data derived from each view alone.
 
@@ -119,8 +90,6 @@ class RecordedViews:
         The angle of each view; the same list grows with the recording.
     notes : tuple of str
         What the operator must know about the recording and its axis.
-    sides : Sides or None
-        Finds the masks, if the recording has none of its own.
     masks : Segmentation or None
         What has the masks in force: those of the last requested strokes.
     on_change : callable
@@ -147,7 +116,7 @@ class RecordedViews:
 
     def _notes(self) -> tuple[str, ...]:
         notes = []
-        if self.sides is not None:
+        if self.finds_sides:
             notes.append(
                 "This recording has no masks: the side of interest is found from the views. "
                 "Strokes correct it."
@@ -178,10 +147,10 @@ class RecordedViews:
 
     def _find_sides(self) -> None:
         """Prepare to find the masks, if the recording has none of its own."""
-        segmenter = self._segmenter
         self.masks: Segmentation | None = None
         self._mask_keys: tuple[int, ...] = ()
-        self.sides = None if segmenter is None else Sides(lambda progress: segmenter(self, progress))
+        self._solver: Cache[SideSolver] = Cache(1)
+        self._solutions: Cache[Segmentation] = Cache(SOLUTIONS_KEPT)
 
     def grow(self) -> None:
         """Take views that were added to the recording; what was computed for the others stays.
@@ -199,6 +168,23 @@ class RecordedViews:
 
     # ---------------------------------------------------------------- the side of interest
 
+    @property
+    def finds_sides(self) -> bool:
+        """Whether the masks are found, as the recording has none of its own."""
+        return self._segmenter is not None
+
+    def solver(self, progress: Progress = no_progress) -> SideSolver:
+        """Return what finds the masks; the first call looks at all views.
+
+        Raises
+        ------
+        SegmentationError
+            If no view shows an item, or there are two.
+        """
+        segmenter = self._segmenter
+        assert segmenter is not None, "masks are found where a recording has none"
+        return self._solver.get("solver", lambda: segmenter(self, progress))
+
     def segment(self, strokes: tuple[Decision, ...], progress: Progress = no_progress) -> Segmentation | None:
         """Put the masks into force that follow from strokes; None if the recording has its own.
 
@@ -207,7 +193,7 @@ class RecordedViews:
         SegmentationError
             If the item or its side of interest cannot be found, or a recording with masks is painted.
         """
-        if self.sides is None:
+        if not self.finds_sides:
             if strokes:
                 raise SegmentationError(
                     f"{self.recording.location}: it has masks, so strokes have no effect. "
@@ -215,7 +201,7 @@ class RecordedViews:
                 )
             return None
         with self._segmenting:
-            found = self.sides.masks(strokes, progress)
+            found = self._solutions.get(strokes, lambda: self.solver(progress).solve(strokes))
             keys = tuple(found.mask_key(view) for view in range(len(self.recording)))
             changed = self.masks is None or keys != self._mask_keys
             self.masks, self._mask_keys = found, keys

@@ -1,9 +1,9 @@
 """Compile the numerical kernels in advance, so that the first start is as fast as later ones.
 
-``python -m flatcloth.engine.warmup`` lets two processes compile a share of the kernels each, and then runs
-the whole method on two small synthetic views; numba caches the compiled code next to the sources. Without
-that, the page still opens: two processes compile in the background (:func:`compile_beside`), and computations
-that need the kernels wait for them and report it (:func:`wait_until_compiled`).
+``python -m flatcloth.engine.warmup`` lets two processes compile a share of the kernels each; numba caches the
+compiled code next to the sources. Without that, the page still opens: two processes compile in the background
+(:func:`compile_beside`), and computations that need the kernels wait for them and report it
+(:func:`wait_until_compiled`).
 """
 
 from __future__ import annotations
@@ -16,14 +16,11 @@ import threading
 import time
 from pathlib import Path
 
-import numpy as np
-
-from flatcloth.core.types import Intrinsics, Progress, RotationAxis, no_progress
+from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.kernels import compile_share, kernels
-from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.session.document import Document
-from flatcloth.session.machine import Accept, Propose, SessionState, Start, apply
+from flatcloth.session.machine import SessionState, Start, apply
 
 PROCESSES = 2
 """Number of compiling processes. Chosen: all computers have two cores; a third would mostly load the
@@ -32,48 +29,6 @@ _LOOK_S = 0.25
 """Between two looks at what is compiled. Chosen."""
 
 _beside: list[subprocess.Popen[bytes]] = []
-
-
-def turned_cylinder() -> Recording:
-    """Return a recording of a checkered half cylinder with two views, as small as the method allows."""
-    k, angles_deg = Intrinsics(width=160, height=160, fx=250.0, fy=250.0, cx=79.5, cy=79.5), (0.0, 20.0)
-
-    def read(view_index: int) -> ViewImages:
-        """Render one view of a cylinder of radius 0.12 m about the axis by ray casting."""
-        radius = 0.12
-        y, x = (np.mgrid[0 : k.height, 0 : k.width] - np.array([k.cy, k.cx])[:, None, None]) / k.fx
-        a, b = 1.0 + x * x, 0.8
-        root = np.sqrt(np.maximum(b * b - a * (b * b - radius * radius), 0.0))
-        depth = np.where(root > 0, (b - root) / a, 0.0)
-        around = np.degrees(np.arctan2(x * depth, 0.8 - depth)) - angles_deg[view_index]
-        mask = (root > 0) & (np.abs(around) < 80.0) & (np.abs(y * depth) < 0.15)
-        squares = np.floor(around / 12.0) + np.floor(y * depth / 0.025)
-        color = np.where((squares % 2 == 0)[..., None], 220, 40) * np.ones(3)
-        return ViewImages(color.astype(np.uint8), np.where(mask, depth, 0.0).astype(np.float32), mask)
-
-    return Recording(
-        name="cylinder",
-        location="computed",
-        intrinsics=k,
-        rotation_axis=RotationAxis(point_m=np.array([0.0, 0.0, 0.8]), direction=np.array([0.0, -1.0, 0.0])),
-        held_point_m=np.array([0.0, -0.2, 0.8]),
-        angles_deg=angles_deg,
-        has_masks=True,
-        read=read,
-    )
-
-
-def warm_up() -> None:
-    """Integrate the cylinder once."""
-    integration = Integration(turned_cylinder())
-    state = apply(SessionState(2), Start())
-    for command in (None, Propose(1)):
-        if command is not None:
-            state = apply(state, command)
-        if state.request is not None:
-            state = apply(state, integration.answer(state.document, state.request))
-    state = apply(state, Accept(1))
-    integration.canonical(state.document)
 
 
 def is_compiled() -> bool:
@@ -136,7 +91,7 @@ def begin_ahead(integration: Integration, state: SessionState) -> None:
                 begun = apply(begun, integration.answer(begun.document, begun.request))
             integration.canonical(begun.document)
 
-    if integration.views.sides is None:
+    if not integration.views.finds_sides:
         threading.Thread(target=compute, name="flatcloth-ahead", daemon=True).start()
 
 
@@ -151,4 +106,3 @@ if __name__ == "__main__":
     else:
         compile_beside()
         wait_until_compiled()
-        warm_up()

@@ -23,7 +23,6 @@ from flatcloth.recordings.base import fingerprint
 from flatcloth.session.document import Document
 from flatcloth.session.header import HEADER
 from flatcloth.session.journal import Pick, SheetSide
-from flatcloth.session.kept import read_axis
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -189,9 +188,6 @@ def open_session(
         integration = Integration(opened, header.effective_config, header.method, prepare)
     except ConfigError as error:
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
-    axis = read_axis(folder)
-    if axis is not None:
-        integration.views.turn_about(axis)  # the decisions were made with it
     return OpenedSession(history, integration, progress)
 
 

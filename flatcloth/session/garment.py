@@ -72,7 +72,8 @@ class DoubtedPart:
 
     ``part`` are points of its cloth and ``rest`` of the other cloth of the shape, with their places.
     ``probability`` is that of the link when it was decided. If nobody decided, but a run without an operator
-    doubts the link, the place of the part has the standard deviation ``std_m``; otherwise that is 0.
+    doubts the link, the place of the part has the standard deviation ``std_m``; otherwise that is 0. With
+    ``place``, a part that is removed lies elsewhere by the same decision.
     """
 
     taken_off: bool
@@ -81,6 +82,7 @@ class DoubtedPart:
     probability: Number
     std_m: Number = 0.0
     by_hand: bool = False
+    place: PlacedPiece | None = None
 
 
 @dataclass(frozen=True)
@@ -116,42 +118,13 @@ class SetKind:
 
 
 @dataclass(frozen=True)
-class HoldPoint:
-    """Hold a named point at a place; a point that is held already is moved."""
-
-    point: HeldPoint
-
-
-@dataclass(frozen=True)
 class ReleasePoints:
     """Release a named point, or all of them (None)."""
 
     name: str | None = None
 
 
-@dataclass(frozen=True)
-class DecidePiece:
-    """Place a floating piece by the garment, or refuse it."""
-
-    piece: PlacedPiece
-
-
-@dataclass(frozen=True)
-class DecideLink:
-    """Remove a part from its piece, and perhaps ``place`` it elsewhere; or keep it."""
-
-    part: DoubtedPart
-    place: PlacedPiece | None = None
-
-
-@dataclass(frozen=True)
-class DecideSeam:
-    """Cut a seam between both sides, or keep it."""
-
-    seam: DecidedSeam
-
-
-GarmentCommand = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink | DecideSeam
+GarmentCommand = SetKind | HeldPoint | ReleasePoints | PlacedPiece | DoubtedPart | DecidedSeam
 
 
 def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
@@ -159,14 +132,14 @@ def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
     match command:
         case SetKind(garment=kind) if kind == decisions.kind:
             return f"The kind is {kind} already." if kind else "The kind is that of the evidence already."
-        case HoldPoint() if len(decisions.held) >= MOST_HELD:
+        case HeldPoint() if len(decisions.held) >= MOST_HELD:
             return f"{MOST_HELD} points are held, which is the most there can be. Release some."
         case ReleasePoints(name=None) if not decisions.held:
             return "No point is held."
         case ReleasePoints(name=str(name)) if name not in {held.name for held in decisions.held}:
             return f"The point {name!r:.60} is not held."
-        case DecidePiece() | DecideLink() | DecideSeam():
-            name = {DecidePiece: "pieces", DecideLink: "parts", DecideSeam: "seams"}[type(command)]
+        case PlacedPiece() | DoubtedPart() | DecidedSeam():
+            name = {PlacedPiece: "pieces", DoubtedPart: "parts", DecidedSeam: "seams"}[type(command)]
             if len(getattr(decisions, name)) >= MOST_PIECES:
                 return f"{MOST_PIECES} {name} are decided about, which is the most there can be. Undo some."
     return None
@@ -192,24 +165,25 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
         case SetKind(garment=kind):
             # Points of another kind do not exist on this one.
             return f"garment: {kind or 'by the evidence'}", replace(decisions, kind=kind, held=())
-        case HoldPoint(point=point):
-            held = tuple(each for each in decisions.held if each.name != point.name)
-            return f"hold {point.name}", replace(decisions, held=(*held, point))
+        case HeldPoint():
+            held = tuple(each for each in decisions.held if each.name != command.name)
+            return f"hold {command.name}", replace(decisions, held=(*held, command))
         case ReleasePoints(name=name):
             held = tuple(each for each in decisions.held if name is not None and each.name != name)
             return f"release {name or 'all points'}", replace(decisions, held=held)
-        case DecidePiece(piece=piece):
-            verb = "place a piece by the garment" if piece.accepted else "refuse a place by the garment"
-            return verb, replace(decisions, pieces=(*decisions.pieces, piece))
-        case DecideLink(part=part, place=place):
-            verb = "cut a part off" if part.by_hand else "take a part off by the garment"
-            verb = verb if part.taken_off else "keep a part on the shape"
-            verb = "place a part by hand" if place else "doubt the link of a part" if part.std_m else verb
+        case PlacedPiece():
+            verb = "place a piece by the garment" if command.accepted else "refuse a place by the garment"
+            return verb, replace(decisions, pieces=(*decisions.pieces, command))
+        case DoubtedPart(place=place):
+            verb = "cut a part off" if command.by_hand else "take a part off by the garment"
+            verb = verb if command.taken_off else "keep a part on the shape"
+            verb = "place a part by hand" if place else "doubt the link of a part" if command.std_m else verb
+            parts = (*decisions.parts, replace(command, place=None))
             pieces = decisions.pieces if place is None else (*decisions.pieces, place)
-            return verb, replace(decisions, parts=(*decisions.parts, part), pieces=pieces)
-        case DecideSeam(seam=seam):
-            verb = "keep a seam" if seam.kept else "cut a seam"
-            return verb, replace(decisions, seams=(*decisions.seams, seam))
+            return verb, replace(decisions, parts=parts, pieces=pieces)
+        case DecidedSeam():
+            verb = "keep a seam" if command.kept else "cut a seam"
+            return verb, replace(decisions, seams=(*decisions.seams, command))
 
 
 def without_doubts(decisions: GarmentDecisions) -> GarmentDecisions:

@@ -22,7 +22,7 @@ from flatcloth.core.errors import ConfigError, JournalError
 from flatcloth.recordings.base import Recording, fingerprint, source_options
 from flatcloth.session.kept import read_kept, write_kept
 
-FORMAT = "flatcloth-session/2"
+FORMAT = "flatcloth-session/3"
 HEADER = "session.json"
 
 
@@ -139,6 +139,11 @@ def settle_header(
     path = folder / HEADER
     if path.exists():
         kept = read_header(folder)
+        had = kept.recording.views
+        if recording.is_growing and had < len(recording):  # it grew, and the program was killed
+            if kept.recording.fingerprint == fingerprint(recording, had):
+                kept = grown(kept, recording)
+                write_kept(path, kept)
         _check(path, kept, recording, config, method)
         return kept
     if (folder / "journal.jsonl").exists():
@@ -168,22 +173,6 @@ def grown(header: Header, recording: Recording) -> Header:
         header.recording, fingerprint=fingerprint(recording), views=len(recording)
     )
     return msgspec.structs.replace(header, recording=about)
-
-
-def take_growth(folder: Path, recording: Recording) -> None:
-    """Let a session name all views of a recording that has grown since its header was written.
-
-    Raises
-    ------
-    JournalError
-        If the header is damaged, or cannot be written.
-    """
-    if not (folder / HEADER).exists():
-        return
-    header = read_header(folder)
-    had = header.recording.views
-    if had < len(recording) and header.recording.fingerprint == fingerprint(recording, had):
-        write_kept(folder / HEADER, grown(header, recording))
 
 
 def _check(path: Path, kept: Header, recording: Recording, config: Config, method: str) -> None:

@@ -95,9 +95,8 @@ _NAMES = {kind: name for name, kind in KINDS.items()}
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a journal: its number from 1, the time (UTC) of writing, and its entry."""
+    """A line of a journal: the time (UTC) of writing, and its entry."""
 
-    number: int
     time: str
     entry: Entry
 
@@ -149,7 +148,7 @@ def decode(number: int, line: bytes) -> Line:
         raise ValueError("it is not an entry of a journal") from error
     if about.line != number:
         raise ValueError(f"it is numbered {about.line}")
-    return Line(number, about.time, entry)
+    return Line(about.time, entry)
 
 
 def _plain(value: Any) -> Any:
@@ -205,20 +204,6 @@ class Replay:
         """Return the session with one more line, which ends with this checksum."""
         return replace(self, lines=self.lines + 1, link=link)
 
-    def read(self, line: bytes) -> tuple[Line, Replay]:
-        """Return the content of the next line, and the session after it.
-
-        Raises
-        ------
-        ValueError
-            If the line is damaged.
-        IllegalDecisionError
-            If its entry is not allowed.
-        """
-        found = decode(self.lines + 1, line)
-        link = unsealed(line, self.link)
-        return found, self.after(found.entry).with_line(link)
-
 
 def _pick(added: PickAdded) -> Pick:
     known = {name: np.array(getattr(added, name), dtype=np.float64) for name in _ARRAYS}
@@ -238,7 +223,8 @@ def read_journal(path: Path, data: bytes, replay: Replay) -> Iterator[tuple[Line
     """
     for number, text in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], start=1):
         try:
-            line, replay = replay.read(text)
+            line, link = decode(number, text), unsealed(text, replay.link)
+            replay = replay.after(line.entry).with_line(link)
         except (ValueError, IllegalDecisionError) as error:
             raise JournalError(
                 f"{path}: line {number} is damaged ({error}). Restore it from a copy,"

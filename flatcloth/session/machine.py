@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Protocol
 
 from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke, SpaceStroke
@@ -58,21 +57,13 @@ class Accept:
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """A view that is not part of the shape, and why."""
-
-    view_index: int
-    reason: str
-
-
-@dataclass(frozen=True)
 class AcceptAll:
     """Add views to the canonical shape, each where its cloth hangs, at once; ``left_out`` are those that are
-    not.
+    not, each with the reason.
     """
 
     view_indices: tuple[int, ...]
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[tuple[int, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -125,27 +116,6 @@ class LeaveOut:
     view_index: int
     part_view: int
     component: int
-
-
-@dataclass(frozen=True)
-class PaintImage:
-    """Set the side of the cloth under a stroke on an image; the views of the shape follow."""
-
-    stroke: ImageStroke
-
-
-@dataclass(frozen=True)
-class PaintSpace:
-    """Set the side of the cloth under a stroke in space, or on the canvas."""
-
-    stroke: SpaceStroke
-
-
-@dataclass(frozen=True)
-class CutCloth:
-    """Mark the cloth beyond a line as not of interest."""
-
-    stroke: Cut
 
 
 @dataclass(frozen=True)
@@ -227,7 +197,6 @@ class Failed:
     token: int
 
 
-Paint = PaintImage | PaintSpace | CutCloth
 Command = (
     Start
     | Propose
@@ -239,7 +208,7 @@ Command = (
     | Nudge
     | TakePart
     | LeaveOut
-    | Paint
+    | Decision  # a stroke or a cut: the views of the shape follow it
     | GarmentCommand
     | Undo
     | Redo
@@ -247,17 +216,6 @@ Command = (
     | Restart
 )
 Event = Started | Proposed | Followed | NothingMore | Failed
-
-
-def paint(decision: Decision) -> Paint:
-    """Return the command that makes a decision about sides."""
-    match decision:
-        case ImageStroke():
-            return PaintImage(decision)
-        case SpaceStroke():
-            return PaintSpace(decision)
-        case Cut():
-            return CutCloth(decision)
 
 
 # --- the state ------------------------------------------------------------------------------------
@@ -316,19 +274,6 @@ class SessionState:
         return Phase.READY
 
 
-class Keeper(Protocol):
-    """The owner of a session's state: a session folder, or :class:`MemorySession`."""
-
-    @property
-    def state(self) -> SessionState:
-        """The session in its present state."""
-        ...
-
-    def record(self, command: Command | Event) -> None:
-        """Apply a command or an answer and save it; raises ``IllegalDecisionError``."""
-        ...
-
-
 @dataclass
 class MemorySession:
     """A session in memory only."""
@@ -356,10 +301,10 @@ def why_illegal(state: SessionState, command: Command) -> str | None:
     match command:
         case Restart():
             return None
-        case PaintImage() | PaintSpace() | CutCloth():
+        case ImageStroke() | SpaceStroke() | Cut():
             if len(document.strokes) >= MOST_DECISIONS:
                 return f"The session has {MOST_DECISIONS} strokes, which is the most it can hold. Undo some."
-            return _why_no_view(state, command.stroke.view_index) if isinstance(command, PaintImage) else None
+            return _why_no_view(state, command.view_index) if isinstance(command, ImageStroke) else None
         case decision if isinstance(decision, GarmentCommand):
             return garments.why_not(document.garment, decision)
         case _ if state.phase is Phase.COMPUTING:
@@ -393,7 +338,7 @@ def _why_undecided(document: Document) -> str | None:
 
 
 def _why_not_accept_all(state: SessionState, command: AcceptAll) -> str | None:
-    views = *command.view_indices, *(left.view_index for left in command.left_out)
+    views = *command.view_indices, *(view for view, _ in command.left_out)
     if len(set(views)) < len(views):
         return "A view is named twice."
     used = [view for view in views if view in state.document.used_views]
@@ -498,9 +443,8 @@ def _decide(state: SessionState, command: Command) -> SessionState:
         case Accept(view_index=view, score=score):
             return _go_on(_edit(state, f"accept view {view}", edits.accept(document, score)))
         case AcceptAll(view_indices=views, left_out=left):
-            reasons = {each.view_index: each.reason for each in left}
             name = f"accept view {views[0]}" if len(views) == 1 else f"accept {len(views)} views"
-            return _go_on(_edit(state, name, edits.accept_all(document, views, reasons)))
+            return _go_on(_edit(state, name, edits.accept_all(document, views, dict(left))))
         case Reject(view_index=view, reason=reason):
             return _go_on(_edit(state, f"reject view {view}", edits.reject(document, view, reason)))
         case Skip(view_index=view):
@@ -522,8 +466,8 @@ def _decide(state: SessionState, command: Command) -> SessionState:
         case LeaveOut(part_view=view, component=component):
             name = f"leave out part {component + 1} of view {view}"
             return _edit(state, name, edits.leave_out(document, view, component))
-        case PaintImage(stroke=stroke) | PaintSpace(stroke=stroke) | CutCloth(stroke=stroke):
-            painted = _edit(state, _name_of(stroke), edits.paint(document, stroke))
+        case ImageStroke() | SpaceStroke() | Cut():
+            painted = _edit(state, _name_of(command), edits.paint(document, command))
             if document.start_view is None and state.request is not None:
                 return _ask(painted, "start", state.request.view_index)
             return _go_on(painted)

@@ -34,7 +34,7 @@ from flatcloth.session.journal import (
 )
 from flatcloth.session.journal_file import JournalFile, LockedError, open_locked
 from flatcloth.session.kept import write_kept
-from flatcloth.session.machine import Cancel, SessionState
+from flatcloth.session.machine import Cancel, MemorySession, SessionState
 
 _log = logging.getLogger(__name__)
 
@@ -248,7 +248,9 @@ class SessionFolder:
         )
 
 
-_BESIDE = ("axis.json", "grips.json", "settings.json")
+Keeper = MemorySession | SessionFolder
+"""The owner of a session's state."""
+_BESIDE = ("grips.json", "settings.json")
 """Other files of a session."""
 
 

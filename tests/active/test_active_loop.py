@@ -210,7 +210,7 @@ def test_a_loop_ends_when_nothing_is_worth_a_turn_and_says_why(
     about: str, following: Next | None, exhausted: bool, said: str | None
 ) -> None:
     goal = parse_goal(about)
-    end = end_of(following, "No garment.", Knowledge(views=9), goal, LEAST_M2, is_exhausted=exhausted)
+    end = end_of(following, "No garment.", Knowledge(), goal, LEAST_M2, is_exhausted=exhausted)
     assert (end is None) == (said is None)
     if end is not None:
         assert (said or "") in end.reason
@@ -264,8 +264,8 @@ def known_by_the_other_side(name: str) -> KnownGarment:
 
 def test_a_point_is_known_if_the_other_side_shows_it() -> None:
     goal, known = parse_goal("points:waist_left"), known_by_the_other_side("waist_left")
-    assert knowledge_of(5, 0.1, known).is_reached(goal)
-    assert knowledge_of(5, 0.1, replace(known, sides=None)).missing(goal) == ("waist_left",)
+    assert knowledge_of(0.1, known).is_reached(goal)
+    assert knowledge_of(0.1, replace(known, sides=None)).missing(goal) == ("waist_left",)
 
 
 @pytest.mark.parametrize("knows", [(2, 3), (2,)], ids=["also without doubted links", "only by a wrong link"])
@@ -282,7 +282,7 @@ def test_both_sides_are_asked_while_the_item_turns_until_enough_is_surely_known(
         asked.append((len(integration.views.angles_deg), doubts_links))
         return GarmentService(integration), sure if len(asked) in knows else None
 
-    monkeypatch.setattr("flatcloth.active.learning.known_by_both", by_both)
+    monkeypatch.setattr("flatcloth.active.loop.known_by_both", by_both)
     cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", parse_goal("points:waist_left"))
     for number, angle_deg in enumerate((0.0, 60.0)):
         loop.take(seen(cell, angle_deg, number))
@@ -410,8 +410,8 @@ def test_points_are_known_when_seen_and_sure_and_the_kind_when_probable() -> Non
 
 
 def test_a_kind_that_contradicts_that_of_a_view_less_is_less_sure() -> None:
-    before = Knowledge(views=5, kind="trousers", probability=0.65)
-    now = Knowledge(views=6, kind="long_sleeved_shirt", probability=0.98)
+    before = Knowledge(kind="trousers", probability=0.65)
+    now = Knowledge(kind="long_sleeved_shirt", probability=0.98)
     assert now.sobered(before).probability == pytest.approx((0.98 + 0.35) / 2)
     assert not now.sobered(before).is_reached(Goal(about="kind"))
     assert now.sobered(replace(before, kind=now.kind)) == now

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 import uvicorn
-from full_disks import fill_disk
+from full_disks import full
 from route_client import RouteClient
 
 from flatcloth.batch.report import command_of, decide, read_verdicts, reliability, report_html, write_report
@@ -121,20 +121,12 @@ def test_a_row_with_something_else_in_it_is_no_row(out: Path, wrong: dict[str, A
     assert sorted(row["name"] for row in rows) == ["less", "lost", "torn"]
 
 
-def test_verdicts_are_appended_and_the_last_counts(out: Path) -> None:
+def test_the_last_verdict_counts_and_is_on_a_result(out: Path) -> None:
     decide(out, "sure", "accepted")
     decide(out, "less", "rejected")
     decide(out, "sure", "rejected")
     decide(out, "less", None)
-    assert read_verdicts(out).decided == {"sure": "rejected"}
-    lines = (out / "review.jsonl").read_text().splitlines()
-    assert len(lines) == 4
-    with (out / "review.jsonl").open("a") as file:
-        file.write(lines[1][:20])  # cut short by a crash
-    assert read_verdicts(out).decided == {"sure": "rejected"}
-    decide(out, "less", "accepted")
-    assert read_verdicts(out).decided == {"sure": "rejected", "less": "accepted"}
-    assert len((out / "review.jsonl").read_text().splitlines()) == 5
+    assert read_verdicts(out) == ({"sure": "rejected"}, "")
     write_row({"name": "above", **GOOD}, out.parent)
     for name, verdict in (
         *(("nobody", "accepted"), ("sure", "maybe")),
@@ -144,30 +136,27 @@ def test_verdicts_are_appended_and_the_last_counts(out: Path) -> None:
             decide(out, name, verdict)
 
 
-def test_a_damaged_list_is_told_and_not_written_to(out: Path) -> None:
-    for name in ("sure", "less", "torn"):
-        decide(out, name, "accepted")
-    lines = (out / "review.jsonl").read_text().splitlines(keepends=True)
-    (out / "review.jsonl").write_text(lines[0] + lines[1].replace("accepted", "rejected") + lines[2])
-    kept = read_verdicts(out)
-    assert kept.decided == {"sure": "accepted"}
-    assert "line 2 is damaged" in data_of(write_report(out).read_text())["notes"]
-    with pytest.raises(JournalError, match=r"not kept.*line 2 is damaged"):
+def test_damaged_verdicts_are_told_and_not_written_to(out: Path) -> None:
+    decide(out, "sure", "accepted")
+    text = (out / "review.json").read_text().replace("sure", "torn")
+    (out / "review.json").write_text(text)
+    assert read_verdicts(out)[0] == {}
+    assert "review.json: damaged" in data_of(write_report(out).read_text())["notes"]
+    with pytest.raises(JournalError, match=r"not kept.*review.json: damaged"):
         decide(out, "less", "accepted")
+    assert (out / "review.json").read_text() == text
 
 
-def test_a_verdict_that_does_not_fit_on_the_disk_is_refused_and_leaves_no_half_line(
+def test_a_verdict_that_does_not_fit_on_the_disk_is_refused_and_those_before_stay(
     out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     decide(out, "sure", "accepted")
-    whole = (out / "review.jsonl").read_bytes()
-    fill_disk(monkeypatch)
-    with pytest.raises(JournalError, match=r"not kept.*No space left"):
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(JournalError, match=r"cannot be written.*No space left"):
         decide(out, "less", "accepted")
     monkeypatch.undo()
-    assert (out / "review.jsonl").read_bytes() == whole
     decide(out, "less", "rejected")
-    assert read_verdicts(out).decided == {"sure": "accepted", "less": "rejected"}
+    assert read_verdicts(out) == ({"sure": "accepted", "less": "rejected"}, "")
 
 
 class Pages(SessionPage):
@@ -217,7 +206,7 @@ def test_served_it_refuses_what_is_not_its_own(client: RouteClient, out: Path, p
     write_row({"name": "above", **GOOD}, out.parent)
     for name, status in (("nobody", 404), ("../night/sure", 404), ("..", 404), ("", 404), ("lost", 409)):
         assert client.post("/open", json={"name": name}).status_code == status
-    assert read_verdicts(out).decided == {}
+    assert read_verdicts(out) == ({}, "")
     assert pages.asked == []
 
 
@@ -243,7 +232,7 @@ def test_served_it_needs_the_token_of_the_printed_address(
         assert client.get(path).status_code == 403
     assert client.post("/open", json={"name": "sure"}).status_code == 403
     assert client.post("/verdict", json={"name": "sure", "verdict": "accepted"}).status_code == 403
-    assert read_verdicts(out).decided == {}
+    assert read_verdicts(out) == ({}, "")
     entered = client.get(found[1])
     assert (entered.status_code, entered.headers["location"]) == (303, "./")
     cookie = entered.headers["set-cookie"].split(";")[0]

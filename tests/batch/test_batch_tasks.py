@@ -11,6 +11,7 @@ from tiny_recordings import write_recording
 from flatcloth.batch.jobs import garment_columns
 from flatcloth.batch.rows import DONE, write_row
 from flatcloth.batch.tasks import Task, content_signature, quick_signature, slug, tasks_of
+from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
 from flatcloth.recordings import SourceOptions
 
@@ -102,33 +103,36 @@ def test_a_source_keeps_the_name_that_it_has_in_the_output(tmp_path: Path) -> No
     assert names(tmp_path / "y/a", tmp_path / "x/a", out=out)[1] == "a"
 
 
-def test_a_task_is_the_same_by_content_options_and_settings(data: Path) -> None:
+def test_a_task_is_the_same_by_content_options_and_settings(
+    data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (task,) = tasks(data / "a")
-    settings = {"a": 1}
-    quick, content = quick_signature(task, settings), content_signature(task, settings)
+    quick, content = quick_signature(task), content_signature(task)
     image = data / "a/color/1.png"
     os.utime(image, ns=(1, 1))
-    assert quick_signature(task, settings) != quick  # looked at again
-    assert content_signature(task, settings) == content  # and found to be the same
-    assert content_signature(task, {"a": 2}) != content
-    assert content_signature(Task(source=task.source, name="a", method="paper"), settings) != content
+    assert quick_signature(task) != quick  # looked at again
+    assert content_signature(task) == content  # and found to be the same
+    assert content_signature(Task(source=task.source, name="a", method="paper")) != content
+    monkeypatch.setattr(Config, "to_dict", lambda _: {"other": "settings"})
+    assert content_signature(task) != content
+    monkeypatch.undo()
     image.write_bytes(image.read_bytes() + b"x")
-    assert content_signature(task, settings) != content
+    assert content_signature(task) != content
 
 
 def test_the_content_of_a_file_that_an_option_names_counts(data: Path, tmp_path: Path) -> None:
     camera = tmp_path / "camera.json"
     camera.write_text("1")
     (task,) = tasks(data / "a", camera_file=camera)
-    before = content_signature(task, {})
+    before = content_signature(task)
     camera.write_text("2")
-    assert content_signature(task, {}) != before
+    assert content_signature(task) != before
 
 
 def test_a_moved_data_set_is_the_same_content(data: Path, tmp_path: Path) -> None:
     shutil.copytree(data / "a", tmp_path / "copy")
     (here,), (there,) = tasks(data / "a"), tasks(tmp_path / "copy")
-    assert content_signature(here, {}) == content_signature(there, {})
+    assert content_signature(here) == content_signature(there)
 
 
 def test_kind_probability_and_dimensions_are_told() -> None:

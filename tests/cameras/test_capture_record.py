@@ -69,7 +69,7 @@ def test_each_stop_of_a_turned_item_becomes_a_view(
     assert (read.name, read.angles_deg) == ("coat", (0.0, 10.0, 20.0))
     # It has no masks: as ``view`` opens it, the side of interest is found in all that was captured.
     integration = Integration(read, segmenter=prepare)
-    found = integration.views.sides.solver().solve(())
+    found = integration.views.solver().solve(())
     assert sorted(found.observed.views) == [0, 1, 2]
     assert found.area_of_interest_m2 > 0.01
     for n in range(3):

@@ -66,7 +66,7 @@ def result(sheet: FlatSheet, keep: np.ndarray | None = None, stretch: float = 1.
 
 
 def figures(view: FlattenedView, sheet: FlatSheet) -> Evaluation:
-    return compare(view, sheet.truth, sheet).evaluation  # type: ignore[arg-type]
+    return compare(view, sheet.truth, sheet)  # type: ignore[arg-type]
 
 
 def test_an_exact_result_has_no_error_and_full_coverage() -> None:

@@ -100,7 +100,7 @@ def test_what_no_longer_fits_is_asked_again_with_the_reason(method: str) -> None
     assert pending.view_index == 2
     assert "Its score after the change is" in pending.why
     assert [w.decision.view_index for w in state.document.later] == [3]
-    assert made.proposal(state.document).view_index == 2  # it can be looked at
+    assert made.proposal(state.document).parts  # it can be looked at
 
 
 def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,7 +171,7 @@ def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by
     u_shape = shape.uv_from_rc(np.argwhere(shape.valid))[:, 0]
     u_new = overlay.uv_from_rc(np.argwhere(overlay.valid))[:, 0]
     assert u_new.max() < u_shape.min() or u_new.min() > u_shape.max()
-    assert made.proposal(state.document).placement.alignment.score.total == 0.0
+    assert made.proposal(state.document).alignment.score.total == 0.0
     # Dragged to where it belongs and accepted, it is part of the shape.
     right = done(shared(method), done(shared(method), SessionState(len(STEPS)), Start(0)), Propose(2))
     by = right.document.pending.current_from_new @ pending.current_from_new.inverse()
@@ -189,7 +189,7 @@ def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_p
     apart = made.canonical(state.document)
     (piece,) = lay_out(apart).pieces
     assert piece.views == (2, 3)
-    place = place_of_piece(made.views, piece, [3]).placement
+    place = place_of_piece(made.views, piece, [3]).current_from_new
     state = done(made, state, Reopen(3))
     before = made.canonical(state.document)
     # Laid with 40 mm on the shape's right border.

@@ -15,8 +15,7 @@ from flatcloth.engine.result import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
 from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace
-from flatcloth.session.document import UNSURE, Side
-from flatcloth.session.garment import DecideLink
+from flatcloth.session.document import Side
 from flatcloth.session.machine import (
     Accept,
     MemorySession,
@@ -24,7 +23,6 @@ from flatcloth.session.machine import (
     Nudge,
     Phase,
     Propose,
-    Reject,
     SessionState,
     Start,
     Undo,
@@ -36,16 +34,6 @@ integration = partial(sheet_integration, "paper")
 
 def started(made: Integration, view: int | None = None) -> SessionState:
     return done(made, SessionState(len(made.recording)), Start(view))
-
-
-def test_a_view_that_is_planned_has_its_reason_though_it_was_chosen_by_hand_before() -> None:
-    made = integration()
-    begun = started(made)
-    planned = made.plan(begun.document).view_index
-    by_hand = done(made, begun, Propose(planned))
-    assert made.proposal(by_hand.document).plan is None
-    proposed = done(made, begun, Propose())
-    assert made.proposal(proposed.document).plan.view_index == planned
 
 
 def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
@@ -65,7 +53,6 @@ def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
     state = done(made, started(made, 0), Propose())
     document = state.document
     proposal = made.proposal(document)
-    assert proposal.plan.view_index == proposal.view_index
     assert proposal.alignment.correspondence is not None
     overlay = made.overlay(document)
     fresh = beyond(overlay, made.canonical(document).view)
@@ -100,13 +87,10 @@ def test_a_view_of_the_other_side_is_passed_over_with_its_reason() -> None:
         made.answer(state.document, state.request)  # type: ignore[arg-type]
 
 
-def test_unsure_refusals_lead_to_another_view_and_an_end() -> None:
+def test_unsure_refusals_lead_to_another_view_and_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
     made = integration()
-
-    def refuse(_made: Integration, state: SessionState) -> Reject:
-        return Reject(state.document.pending.view_index, UNSURE)  # type: ignore[union-attr]
-
-    state = Run(made, MemorySession(started(made, 0)), policy=refuse).finish()
+    monkeypatch.setattr(Integration, "accept_score", 2.0)  # no proposal is sure
+    state = Run(made, MemorySession(started(made, 0))).finish()
     refused = [r.view_index for r in state.document.rejected]
     assert len(refused) == len(set(refused)) >= 2
     assert not state.document.accepted
@@ -137,7 +121,7 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
     placed = np.isfinite(cloth.uv_m[:, 0])
     part = placed & (cloth.uv_m[:, 1] > np.nanpercentile(cloth.uv_m[:, 1], 70))
     decision = decided_part(cloth, part, 0.2, taken_off=True)
-    off = apply(state, DecideLink(decision))
+    off = apply(state, decision)
     shape = made.canonical(off.document)
     assert made.canonical(off.document) is shape
     (index,) = shape.taken_off
@@ -165,7 +149,7 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     link = DoubtedLink(part=cloth.uv_m[:, 1] > middle, probability=0.84, area_m2=0.01, place=elsewhere)
     assert link.std_m == pytest.approx(0.4 * 0.5)
     doubted = apply(
-        state, DecideLink(decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m))
+        state, decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m)
     )
     view = made.canonical(doubted.document).view
     np.testing.assert_array_equal(view.valid, whole.valid)
@@ -174,9 +158,22 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     before, std = whole.placement_std_m[view.valid], view.placement_std_m[view.valid]
     np.testing.assert_allclose(std[below], np.hypot(before[below], 0.2), rtol=1e-5)
     np.testing.assert_array_equal(std[above], before[above])
-    kept = apply(doubted, DecideLink(decided_part(cloth, link.part, link.probability, taken_off=False)))
+    kept = apply(doubted, decided_part(cloth, link.part, link.probability, taken_off=False))
     same = made.canonical(kept.document).view.placement_std_m
     np.testing.assert_array_equal(same[view.valid], before)
+
+
+def test_another_axis_derives_everything_again() -> None:
+    made = Integration(Cylinder(angles_deg=(0.0, 20.0, 40.0)))
+    before = made.views.flattening(1), made.views.cloud(1)
+    other = RotationAxis(point_m=np.add(AXIS.point_m, (0.01, 0.0, -0.02)), direction=AXIS.direction)
+    made.views.turn_about(other)
+    assert made.axis is other
+    after = made.views.flattening(1), made.views.cloud(1)
+    assert after[0] is not before[0]
+    assert not np.allclose(after[1].xyz_m, before[1].xyz_m)
+    made.views.turn_about(AXIS)
+    np.testing.assert_array_equal(made.views.cloud(1).xyz_m, before[1].xyz_m)
 
 
 def test_samples_are_as_far_apart_for_a_camera_that_is_near() -> None:

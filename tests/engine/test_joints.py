@@ -22,7 +22,7 @@ from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.methods.answers import Seam
 from flatcloth.session.document import Document
-from flatcloth.session.garment import DecideLink
+from flatcloth.session.garment import DoubtedPart
 from flatcloth.shape.joints import false_share
 from flatcloth.viewer.modes.doubts import DoubtService
 from flatcloth.viewer.protocol.messages import Decide
@@ -163,20 +163,20 @@ def test_a_joint_is_told_with_the_pixels_that_show_it_or_why_nothing_is_known(cl
 def test_a_decision_is_about_the_shape_that_was_shown(cloth) -> None:
     service = service_of(cloth)
 
-    def decided(**asked: Any) -> DecideLink:
+    def decided(**asked: Any) -> DoubtedPart:
         (decision,) = service.decision(Decide(**{"revision": 1, "index": 0, **asked}))
-        assert isinstance(decision, DecideLink)
+        assert isinstance(decision, DoubtedPart)
         return decision
 
     cut = decided(how="cut")
-    assert (cut.part.taken_off, cut.place) == (True, None)
-    assert max(u for u, _ in cut.part.part.uv_m) < 10 * 0.012
+    assert (cut.taken_off, cut.place) == (True, None)
+    assert max(u for u, _ in cut.part.uv_m) < 10 * 0.012
     kept = decided(how="keep")
-    assert (kept.part.taken_off, kept.part.by_hand, kept.place) == (False, True, None)
+    assert (kept.taken_off, kept.by_hand, kept.place) == (False, True, None)
     laid = decided(how="place", place=(0.0, 0.1, 0.2))
     assert laid.place is not None
-    assert np.allclose(np.array(laid.place.piece.uv_m) - laid.part.part.uv_m, (0.1, 0.2))
-    assert (laid.place.by_hand, laid.place.shape) == (True, laid.part.rest)
+    assert np.allclose(np.array(laid.place.piece.uv_m) - laid.part.uv_m, (0.1, 0.2))
+    assert (laid.place.by_hand, laid.place.shape) == (True, laid.rest)
     for wrong in ({"revision": 2}, {"index": 1}):
         with pytest.raises(FlatclothError, match="look again"):
             decided(how="cut", **wrong)

@@ -88,8 +88,8 @@ def test_the_alignment_is_the_papers_step_by_step(teaching, paper):
     event = paper.answer(document, Request(0, "propose"))
     pending = Pending(event.view_index, event.current_from_new, event.side, component=event.component)
     expected = paper.proposal(replace(document, pending=pending)).alignment
-    search, alignment = lesson.search, lesson.proposal.alignment
-    assert lesson.proposal.view_index == event.view_index
+    search, alignment = lesson.search, lesson.alignment
+    assert lesson.view_index == event.view_index
     assert alignment.initial == expected.initial
     assert alignment.current_from_new == expected.current_from_new
     assert alignment.score == expected.score
@@ -112,7 +112,7 @@ def test_the_alignment_is_the_papers_step_by_step(teaching, paper):
 
 def test_the_renewed_view_tells_which_view_shows_each_pixel(teaching):
     lesson = teaching.alignment(0, teaching.defaults)
-    view, origin, added = lesson.renewed.view, lesson.origin, lesson.proposal.view_index
+    view, origin, added = lesson.renewed.view, lesson.origin, lesson.view_index
     assert np.array_equal(origin > 0, view.valid)
     assert np.array_equal(np.isin(origin, (NEW, NEW_OF_BOTH)), view.view_index == added)
     assert np.array_equal(np.isin(origin, (KEPT, OLD_OF_BOTH)), view.view_index == 0)
@@ -133,4 +133,4 @@ def test_a_lesson_that_cannot_be_made_says_so_and_one_can_be_given_up(session):
         lessons.start_view(stop)
     with pytest.raises(CancelledError):
         lessons.alignment(0, lessons.defaults, stop)
-    assert lessons.alignment(0, lessons.defaults).proposal.view_index > 0
+    assert lessons.alignment(0, lessons.defaults).view_index > 0

@@ -21,7 +21,6 @@ from flatcloth.garments.deciding import placed_piece
 from flatcloth.methods.answers import Canonical
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import GarmentDecisions, PlacedPiece
-from flatcloth.session.kept import write_axis
 
 
 def test_each_step_shows_what_the_shape_was(session: OpenedSession) -> None:
@@ -133,17 +132,6 @@ def test_a_recording_that_moved_is_named(tmp_path: Path) -> None:
     other = write_cylinder(tmp_path / "other", name="another")
     with pytest.raises(JournalError, match="belongs to another recording"):
         open_session(tmp_path / "session", other)
-
-
-def test_the_axis_that_the_session_keeps_is_used_and_left_alone(tmp_path: Path) -> None:
-    made = cylinder_session(tmp_path)
-    own = made.integration.axis
-    write_axis(made.history.folder, replace(own, point_m=own.point_m + np.array([0.004, 0.0, 0.0])))
-    before = {p.name: p.read_bytes() for p in made.history.folder.iterdir()}
-    opened = open_session(made.history.folder)
-    np.testing.assert_allclose(opened.data.frames.axis.point_m, own.point_m + np.array([0.004, 0.0, 0.0]))
-    assert opened.growth.view.valid.any()
-    assert {p.name: p.read_bytes() for p in made.history.folder.iterdir()} == before
 
 
 def test_poses_are_given_where_the_item_stands(session: OpenedSession) -> None:

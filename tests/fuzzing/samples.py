@@ -155,8 +155,6 @@ def _binary_ply(place: Path) -> None:
 def _session(place: Path) -> None:
     # Where the recording lies is in the session, and every case has a place of its own: it is named.
     write_session(place / "session", write_cylinder(place / "recording"))
-    axis = {"point_m": [0.001, 0.0, 0.85], "direction": [0.0, -1.0, 0.0], "estimated": True}
-    (place / "session/axis.json").write_text(json.dumps({"format": "flatcloth-axis/1", **axis}))
     (place / "camera.json").write_text(
         json.dumps({"format": "flatcloth-hand-eye/1", "base_from_camera": np.eye(4).tolist()})
     )

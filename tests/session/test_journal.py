@@ -13,12 +13,8 @@ from flatcloth.core.types import Rigid2
 from flatcloth.session.document import PlacedPart, Side
 from flatcloth.session.garment import (
     DecidedSeam,
-    DecideLink,
-    DecidePiece,
-    DecideSeam,
     DoubtedPart,
     HeldPoint,
-    HoldPoint,
     PlacedPiece,
     ReleasePoints,
     SetKind,
@@ -29,12 +25,10 @@ from flatcloth.session.machine import (
     Command,
     Event,
     LeaveOut,
-    LeftOut,
     Nudge,
     Phase,
     Propose,
     Proposed,
-    paint,
 )
 from flatcloth.session.store import SessionFolder
 
@@ -57,19 +51,19 @@ ALSO = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.
     "entry",
     [
         *AGAIN[:-4],
-        AcceptAll((3, 5), (LeftOut(4, "it shows nothing"),)),
+        AcceptAll((3, 5), ((4, "it shows nothing"),)),
         Proposed(2, 1, Rigid2(), Side.LEFT, 0.9, also=ALSO, why="It was asked for."),
         LeaveOut(1, 0, 1),
-        paint(ImageStroke(side="this", view_index=1, points_rc=((1.0, 2.0), (3.0, 4.0)))),
-        paint(SpaceStroke(side="other", points_m=((0.0, 0.1, 0.8),), normals=((0.0, 0.0, -1.0),))),
-        paint(CUT),
+        ImageStroke(side="this", view_index=1, points_rc=((1.0, 2.0), (3.0, 4.0))),
+        SpaceStroke(side="other", points_m=((0.0, 0.1, 0.8),), normals=((0.0, 0.0, -1.0),)),
+        CUT,
         SetKind("shorts"),
         SetKind(None),
-        HoldPoint(HeldPoint("neck_left", (0.2, 0.3), CLOTH)),
+        HeldPoint("neck_left", (0.2, 0.3), CLOTH),
         ReleasePoints(),
-        DecidePiece(PlacedPiece(True, CLOTH, CLOTH, 0.97)),
-        DecideLink(DoubtedPart(True, CLOTH, CLOTH, 0.2)),
-        DecideSeam(DecidedSeam(False, CLOTH.points_m)),
+        PlacedPiece(True, CLOTH, CLOTH, 0.97),
+        DoubtedPart(True, CLOTH, CLOTH, 0.2, place=PlacedPiece(True, CLOTH, CLOTH, 0.5)),
+        DecidedSeam(False, CLOTH.points_m),
     ],
     ids=lambda entry: type(entry).__name__,
 )

@@ -19,7 +19,6 @@ from flatcloth.session.machine import (
     Failed,
     Followed,
     LeaveOut,
-    LeftOut,
     NothingMore,
     Nudge,
     Propose,
@@ -35,7 +34,6 @@ from flatcloth.session.machine import (
     TakePart,
     Undo,
     apply,
-    paint,
     why_illegal,
 )
 
@@ -43,7 +41,7 @@ Steps = tuple[Command | Event, ...]
 
 STARTED, PENDING = THREE[:2], THREE[:4]
 ENDED = (*STARTED, Propose(), NothingMore(2, "The turn is complete."))
-HUNG = (*STARTED, AcceptAll((3, 5), (LeftOut(4, "it shows nothing"),)))
+HUNG = (*STARTED, AcceptAll((3, 5), ((4, "it shows nothing"),)))
 REOPENED = (*THREE, Reopen(1))
 ASKED_AGAIN = (*REOPENED, Reject(1), Followed(5, 2, at(0.9), 0.1, holds=False, why="It does not fit."))
 SKIPPED = (
@@ -150,13 +148,13 @@ TOLD: list[tuple[Steps, str]] = [
     ((*PENDING, Reject(1), Propose(), Proposed(3, 2, at(0.2)), Accept(2), Reopen(1)), "propose 1; shape 0 2"),
     ((*PENDING, Skip(1), Propose(2), Proposed(3, 2, at(0.2)), Accept(2), Reopen(1)), "propose 1; shape 0 2"),
     # A stroke changes the views themselves: they follow it, a proposal is dropped, a restart keeps it.
-    ((Start(4), paint(THIS)), "start 4; strokes 1"),
-    ((*PENDING, paint(CUT)), "ready; shape 0; strokes 1"),
-    ((*THREE, paint(THIS)), "follow 1; shape 0; later 1 2 3; strokes 1"),
-    ((*THREE, paint(THIS), Followed(5, 1, at(0.1))), "follow 2; shape 0 1; later 2 3; strokes 1"),
-    ((*REOPENED, paint(OTHER)), "follow 1; shape 0; later 1 2 3; strokes 1"),
-    ((*THREE, paint(OTHER), Undo()), "ready; shape 0 1 2 3"),
-    ((*THREE, paint(OTHER), Restart()), "start None; strokes 1"),
+    ((Start(4), THIS), "start 4; strokes 1"),
+    ((*PENDING, CUT), "ready; shape 0; strokes 1"),
+    ((*THREE, THIS), "follow 1; shape 0; later 1 2 3; strokes 1"),
+    ((*THREE, THIS, Followed(5, 1, at(0.1))), "follow 2; shape 0 1; later 2 3; strokes 1"),
+    ((*REOPENED, OTHER), "follow 1; shape 0; later 1 2 3; strokes 1"),
+    ((*THREE, OTHER, Undo()), "ready; shape 0 1 2 3"),
+    ((*THREE, OTHER, Restart()), "start None; strokes 1"),
 ]  # fmt: skip
 
 
@@ -173,8 +171,8 @@ def test_a_session_says_what_it_waits_for_and_what_became_of_each_view(steps: St
         (REOPENED, ["accept view 1", "accept view 2", "accept view 3", "reopen view 1"]),
         ((*PENDING, Nudge(1, at(0.05), "fit pairs of"), Skip(1)), ["fit pairs of view 1", "skip view 1"]),
         ((*PENDING, TakePart(1, 2, at(0.4)), Reject(1)), ["take part 3 of view 1", "reject view 1"]),
-        ((paint(THIS), paint(OTHER)), ["stroke: this side on view 1", "stroke: not this side"]),
-        ((paint(CUT),), ["cut"]),
+        ((THIS, OTHER), ["stroke: this side on view 1", "stroke: not this side"]),
+        ((CUT,), ["cut"]),
         ((*HUNG, Reopen(5)), ["accept 2 views", "reopen view 5"]),
         ((*PENDING, Propose(5)), ["choose view 5 instead of 1"]),
         ((*ENDED, Propose(4)), ["go on with view 4"]),
@@ -210,7 +208,7 @@ ILLEGAL: list[tuple[Steps, Command, str]] = [
     ((*PENDING, Accept(1), Propose()), Accept(1), "computation is running"),
     (ENDED, Propose(), "The turn is complete."),
     (STARTED, AcceptAll((3, 3)), "twice"),
-    (STARTED, AcceptAll((3,), (LeftOut(3, ""),)), "twice"),
+    (STARTED, AcceptAll((3,), ((3, ""),)), "twice"),
     (STARTED, AcceptAll((0,)), "already part"),
     (STARTED, AcceptAll((99,)), "does not exist"),
     (STARTED, AcceptAll((-1,)), "does not exist"),
@@ -221,7 +219,7 @@ ILLEGAL: list[tuple[Steps, Command, str]] = [
     (PENDING, Reopen(1), "is the proposal already"),
     ((*PENDING, Reject(1), Propose(1), Proposed(3, 1, at(0.1))), Reopen(1), "is the proposal already"),
     ((*THREE, Propose()), Reopen(1), "computation is running"),
-    (STARTED, paint(replace(THIS, view_index=6)), "View 6 does not exist; there are 6 views"),
+    (STARTED, replace(THIS, view_index=6), "View 6 does not exist; there are 6 views"),
 ]
 
 
@@ -345,4 +343,4 @@ def test_what_can_be_reopened_is_not_the_proposal_and_the_shape_depends_on_strok
     asked = after(*PENDING, Reject(1), Propose(1), Proposed(3, 1, at(0.1)))
     assert asked.document.reopenable_views == frozenset()
     assert after(*THREE, Reopen(3)).document.reopenable_views == {1, 2}
-    assert after(*STARTED).document.shape_key != after(*STARTED, paint(THIS)).document.shape_key
+    assert after(*STARTED).document.shape_key != after(*STARTED, THIS).document.shape_key

@@ -19,15 +19,12 @@ from flatcloth.session.machine import (
     Accept,
     Cancel,
     Command,
-    CutCloth,
     Event,
     Failed,
     Followed,
     LeaveOut,
     NothingMore,
     Nudge,
-    PaintImage,
-    PaintSpace,
     Phase,
     Propose,
     Proposed,
@@ -84,9 +81,9 @@ COMMANDS: st.SearchStrategy[Command] = st.one_of(
     st.builds(Nudge, VIEWS, MOTIONS),
     st.builds(LeaveOut, VIEWS, VIEWS, st.integers(0, 3)),
     st.builds(TakePart, VIEWS, st.integers(0, 3), MOTIONS),
-    st.builds(PaintImage, IMAGE_STROKES),
-    st.builds(PaintSpace, SPACE_STROKES),
-    st.builds(CutCloth, CUTS),
+    IMAGE_STROKES,
+    SPACE_STROKES,
+    CUTS,
     st.just(Undo()),
     st.just(Redo()),
     st.just(Cancel()),
@@ -233,7 +230,7 @@ class Sessions(RuleBasedStateMachine):
     def paint(self, stroke: ImageStroke) -> None:
         """Every view of the shape is laid anew in its order, since each may show other cloth now."""
         was = self.state.document
-        self.do(PaintImage(stroke))
+        self.do(stroke)
         document = self.state.document
         assert document.strokes == (*was.strokes, stroke)
         assert document.accepted == ()

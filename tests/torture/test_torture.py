@@ -46,8 +46,8 @@ def prefixes(data: bytes) -> dict[int, tuple[SessionState, tuple[int, ...]]]:
     header_link = _links[data[:40]]
     replay = Replay(SessionState(len(RECORDING)), link=header_link)
     found: dict[int, tuple[SessionState, tuple[int, ...]]] = {0: (replay.state, ())}
-    for line, after in read_journal(place, b"".join(text + b"\n" for text in lines), replay):
-        found[line.number] = (after.state, tuple(after.picks))
+    for _, after in read_journal(place, b"".join(text + b"\n" for text in lines), replay):
+        found[after.lines] = (after.state, tuple(after.picks))
     return found
 
 

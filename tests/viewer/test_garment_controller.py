@@ -26,7 +26,7 @@ from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, recognise
 from flatcloth.methods.answers import Canonical, DoubtedJoint, JoinedSides
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.garment import DecidePiece, without_doubts
+from flatcloth.session.garment import without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.doubts import DoubtService
 from flatcloth.viewer.modes.garment import GarmentController
@@ -171,7 +171,7 @@ def test_a_piece_is_proposed_with_its_probability_and_where_it_would_lie(page) -
 @pytest.mark.parametrize("accepted", [True, False])
 def test_a_decision_about_a_piece_is_told_and_undone(page, accepted) -> None:
     command = page.decide_piece("place" if accepted else "cut")
-    assert command.piece.accepted is accepted
+    assert command.accepted is accepted
     session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
     session.record(command)
     row, choices, _ = page.piece(session.state.document)
@@ -289,7 +289,7 @@ def test_run_places_sure_pieces_once_and_leaves_refused_ones(service) -> None:
     place_sure_pieces(service, session)
     assert len(session.state.undo) == 1
     (piece,) = session.state.document.garment.pieces
-    session.record(DecidePiece(dataclasses.replace(piece, accepted=False)))
+    session.record(dataclasses.replace(piece, accepted=False))
     known = place_sure_pieces(service, session)
     assert outcome_entry(known)["placed_by_the_garment"] == []
     assert not garment_document(known)["pieces"]["floating-2.npz"]["placed"]

@@ -89,7 +89,7 @@ class PageController(ABC):
         self._auto = AutoInfo()
         self._log: tuple[Note, ...] = ()
         self._picks = PickStore(folder, integration, self._highlight)
-        self.garments = GarmentService(integration, joins=True)
+        self.garments = GarmentService(integration)
         self.picture: Picture | None = None  # what is shown at present; immutable
         self.lesson: Progress | None = None  # how far one is that is being made
         self.base_from_camera: Rigid3 | None = None  # with it, poses are also in the frame of the robot

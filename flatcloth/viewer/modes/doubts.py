@@ -27,7 +27,6 @@ from flatcloth.garments.recognition import NONE, is_offered
 from flatcloth.grasping.visibility import Visibility
 from flatcloth.methods.answers import Seam
 from flatcloth.session.document import Document
-from flatcloth.session.garment import DecideLink, DecidePiece
 from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Command, Reopen, TakePart
 from flatcloth.shape.joints import NEGLIGIBLE
@@ -200,8 +199,8 @@ class DoubtService:
 
         def decide(how: str, there: Rigid2) -> Sequence[Command]:
             part = decided_part(cloth, joint.part, sure, taken_off=how != "keep")
-            part = replace(part, by_hand=True)
-            return (DecideLink(part, placed_by_hand(part, there) if how == "place" else None),)
+            place = placed_by_hand(part, there) if how == "place" else None
+            return (replace(part, by_hand=True, place=place),)
 
         return doubt, decide
 
@@ -223,11 +222,11 @@ class DoubtService:
 
         def decide(how: str, by: Rigid2) -> Sequence[Command]:
             if known is not None and place is not None and how != "hand":
-                decided = piece_decision(known.canonical, place, accepted=how != "cut")
-                return (DecidePiece(decided),)
+                return (piece_decision(known.canonical, place, accepted=how != "cut"),)
             views = [accepted.view_index for accepted in shape.document.accepted]
             found = place_of_piece(self._page.integration.views, piece, views)
-            return Reopen(found.view_index), TakePart(found.view_index, found.component, by @ found.placement)
+            there = by @ found.current_from_new
+            return Reopen(found.view_index), TakePart(found.view_index, found.component, there)
 
         return structs.replace(doubt, choices=choices), decide
 

@@ -16,7 +16,7 @@ from flatcloth.garments.fit import Pull
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.recognition import NONE
 from flatcloth.session.document import Document
-from flatcloth.session.garment import GarmentCommand, HoldPoint, ReleasePoints, SetKind
+from flatcloth.session.garment import GarmentCommand, ReleasePoints, SetKind
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
@@ -111,7 +111,7 @@ class GarmentController:
                 return SetKind(kind)
             case messages.HoldPoint(name=name, u_m=u_m, v_m=v_m):
                 self._named(known, name)
-                return HoldPoint(held_point(name, np.array([u_m, v_m]), known.canonical.view))
+                return held_point(name, np.array([u_m, v_m]), known.canonical.view)
             case messages.ReleasePoints(name=name):
                 return ReleasePoints(name)
 

@@ -61,9 +61,9 @@ def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> 
     FlatclothError
         If the view has no such component.
     """
-    parts = () if overlay is None else overlay.proposal.placement.parts
+    parts = () if overlay is None else overlay.proposal.parts
     part = next((p for p in parts if p.component == component), None)
-    if overlay is None or overlay.proposal.view_index != pending.view_index or part is None:
+    if overlay is None or overlay.view_index != pending.view_index or part is None:
         raise FlatclothError(f"View {pending.view_index} has no part {component + 1} to place; look again.")
     return pending.current_from_new if part.alignment is None else part.alignment.current_from_new
 
@@ -126,7 +126,7 @@ def joins(integration: Integration, document: Document) -> bool:
 def placed(document: Document, overlay: Overlay | None) -> tuple[Pending, Overlay] | None:
     """Return the proposal with its picture, None while there is none."""
     pending = document.pending
-    if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
+    if overlay is None or pending is None or overlay.view_index != pending.view_index:
         return None
     return pending, overlay
 

@@ -37,7 +37,6 @@ from flatcloth.session.machine import (
     Start,
     TakePart,
     apply,
-    paint,
 )
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import auto
@@ -181,7 +180,7 @@ class Application(PageController):
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
             case messages.StrokeImage() | messages.StrokeShape() | messages.CutShape():
-                self._by_hand(paint(self._sides.decision(message, self.picture)))
+                self._by_hand(self._sides.decision(message, self.picture))
             case messages.Brush():
                 self._sides.brush = message if message.side is not None else None
             case messages.WhereToStroke(number=n):
@@ -253,7 +252,7 @@ class Application(PageController):
             return super()._pick_on_ray(origin_m, direction)
         dab = self._sides.dab(self.picture, self.scene.visible_points(), origin_m, direction)
         if dab is not None:
-            self._by_hand(paint(dab))
+            self._by_hand(dab)
 
     def draw_again(self) -> None:
         """Draw the shown document again: it is shown otherwise by what is known now."""
@@ -589,7 +588,7 @@ class SessionWork:
 
     def _is_first(self, document: Document) -> bool:
         # To find the sides of a recording without masks takes more kernels.
-        return is_of_one_view(document) and self._page.integration.views.sides is None
+        return is_of_one_view(document) and not self._page.integration.views.finds_sides
 
     def _drawn(self, document: Document) -> Picture:
         page = self._page

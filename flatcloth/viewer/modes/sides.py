@@ -57,7 +57,7 @@ class SideController:
     @property
     def available(self) -> bool:
         """Whether the side of interest is found by the program: the recording has no masks."""
-        return self._page.integration.views.sides is not None
+        return self._page.integration.views.finds_sides
 
     def info(self) -> SidesInfo | None:
         """Return the status for the page, None if the recording has masks of its own."""
@@ -140,9 +140,8 @@ class SideController:
         def find() -> tuple[Segmentation, Int64]:
             if strokes != self._strokes:
                 raise CancelledError  # another stroke came in the meantime
-            sides = self._page.integration.views.sides
-            assert sides is not None
-            found = sides.solver().solve(strokes)  # the masks take longer and follow with the shape
+            # The masks take longer and follow with the shape.
+            found = self._page.integration.views.solver().solve(strokes)
             return found, under_strokes(found.observed, strokes)
 
         take = partial(self._take, strokes)
@@ -180,12 +179,11 @@ class SideController:
 
         ``number`` counts round all places, also backwards.
         """
-        sides = self._page.integration.views.sides
-        if sides is None:
+        if not self.available:
             raise FlatclothError("This recording has masks; there is nothing to paint.")
 
         def find() -> StrokeAdvice:
-            places = list(sides.solver().places(strokes))
+            places = list(self._page.integration.views.solver().places(strokes))
             if not places:
                 text = "The views determine all cloth: no stroke adds anything."
                 return StrokeAdvice(view_index=None, rc=None, text=text)

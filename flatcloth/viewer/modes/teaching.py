@@ -138,10 +138,10 @@ def planning_parcel(flattening: Flattening, plan: Plan) -> Parcel:
 
 def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis, planned: int | None) -> Parcel:
     """Return the drawing data of the rest of Fig. 4; the ``planned`` view may not have been aligned."""
-    alignment = lesson.proposal.alignment
+    alignment = lesson.alignment
     views = {"current": lesson.current, "new": lesson.new, "renewed": lesson.renewed.view}
     values = {
-        "view_index": lesson.proposal.view_index,
+        "view_index": lesson.view_index,
         "planned_view": planned,
         **{name: grid_of(view) for name, view in views.items()},
         **{f"{name}_cm2": CM2 * view.area_m2 for name, view in views.items()},

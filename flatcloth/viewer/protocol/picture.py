@@ -15,7 +15,7 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, LaidPiece, Rigid2, RotationAxis, finite
-from flatcloth.engine.integration import Integration, Proposal
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import (
     Sheet,
     beyond,
@@ -30,7 +30,7 @@ from flatcloth.engine.sheet import (
 from flatcloth.engine.views import ViewCloud
 from flatcloth.engine.warmup import is_compiling
 from flatcloth.grasping.visibility import Projection, Visibility, project
-from flatcloth.methods.answers import AlignmentScore, JoinedPiece, JoinedSides
+from flatcloth.methods.answers import AlignmentScore, JoinedPiece, JoinedSides, Placement
 from flatcloth.methods.paper.merging import shows
 from flatcloth.recordings.base import Recording, fingerprint
 from flatcloth.rendering.colormaps import piece_color
@@ -89,7 +89,8 @@ class Overlay:
     own_center_uv_m: tuple[float, float]
     new_points: Bool
     score: AlignmentScore
-    proposal: Proposal
+    view_index: int
+    proposal: Placement
     sheet: Sheet
     foreseen: Foreseen | None = None
     checks: tuple[Check, ...] = ()
@@ -257,10 +258,11 @@ def _overlay(
         new_points=new_points,
         sheet=sheet,
         score=score,
+        view_index=pending.view_index,
         proposal=proposal,
         joined_piece=integration.algorithm.joined_piece(document),
         also=_placed_with_it(integration, pending, sheet),
-        foreseen=_foreseen(sheet, own_piece, [(view, new_points), *others], proposal.placement.change),
+        foreseen=_foreseen(sheet, own_piece, [(view, new_points), *others], proposal.change),
         checks=_checks(sheet, view, score, integration.axis),
     )
 
@@ -287,14 +289,14 @@ def _placed_with_it(integration: Integration, pending: Pending, sheet: Sheet) ->
 
 
 def _other_components(
-    integration: Integration, document: Document, pending: Pending, sheet: Sheet, proposal: Proposal
+    integration: Integration, document: Document, pending: Pending, sheet: Sheet, proposal: Placement
 ) -> list[tuple[FlattenedView, Bool]]:
     """Return the other components of the proposed view, and where each has cloth that the sheet has not.
 
     They join the shape together with the chosen one; one without a place floats, and is new altogether.
     """
     found = []
-    for other in proposal.placement.parts:
+    for other in proposal.parts:
         if other.component == pending.component:
             continue
         view = integration.views.part(pending.view_index, other.component)
@@ -529,7 +531,7 @@ def _pending(document: Document, picture: Picture | None) -> PendingInfo | None:
     pending, overlay = document.pending, None if picture is None else picture.overlay
     if pending is None:
         return None
-    if overlay is not None and overlay.proposal.view_index != pending.view_index:
+    if overlay is not None and overlay.view_index != pending.view_index:
         overlay = None  # of the proposal before; this one's is on its way
     return PendingInfo(
         view_index=pending.view_index,
@@ -544,7 +546,7 @@ def _pending(document: Document, picture: Picture | None) -> PendingInfo | None:
 
 def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     """Return what the method has computed for a proposal, as fields of it."""
-    placement = overlay.proposal.placement
+    placement = overlay.proposal
     return {
         "pieces": tuple(
             PendingPart(
@@ -630,7 +632,7 @@ def _overlay_info(picture: Picture) -> OverlayInfo | None:
         return None
     return OverlayInfo(
         revision=overlay.revision,
-        view_index=overlay.proposal.view_index,
+        view_index=overlay.view_index,
         center_uv_m=shown_center_uv_m(pending, overlay),
         differences={kind: typed(difference_legend(kind), Legend) for kind in DIFFERENCES},
         placement=overlay.shown(pending),
