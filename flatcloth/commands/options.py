@@ -302,15 +302,15 @@ class SimulatedCell:
     def simulated(self, out: Path | None) -> Cell:
         """Return the simulated cell."""
         from flatcloth.core.resources import sample_mesh
-        from flatcloth.synthesis.hanging import PoseErrors
-        from flatcloth.synthesis.recording import Cell, Request
+        from flatcloth.synthesis.recording import Cell
+        from flatcloth.synthesis.request import Request
 
         request = Request(
             mesh=Path(self.cell) if self.cell else sample_mesh(),
             out=out or Path(),
             panel=self.panel or "1",
             noise=self.sensor or "d435",
-            loose=PoseErrors(swing_m=(self.sway or 0.0) / 1e3),
+            sway_mm=self.sway or 0.0,
             seed=self.seed or 0,
             texture="floral",
         )

@@ -14,9 +14,9 @@ from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import Truth
-from flatcloth.synthesis.hanging import PoseErrors, hang, turn
-from flatcloth.synthesis.recording import Request, camera_of, synthesize
-from flatcloth.synthesis.sensor import Exposure
+from flatcloth.synthesis.hanging import hang, turn
+from flatcloth.synthesis.recording import camera_of, synthesize
+from flatcloth.synthesis.request import Request
 from flatcloth.synthesis.textures import PATTERNS, pattern_rgb
 
 CAMERA = camera_of((96, 128), 180.0)
@@ -32,7 +32,8 @@ def request(folder: Path, mesh: Path | None = None, **more: object) -> Request:
     usual = Request(
         mesh=mesh or sheet_obj(folder),
         out=folder / "made",
-        camera=CAMERA,
+        size_px=(96, 128),
+        focal_px=180.0,
         held=(RADIUS_M, 0.0, 0.0),
         step_deg=45.0,
     )
@@ -218,7 +219,7 @@ def test_a_noisy_recording_has_millimetres_and_the_truth_of_the_clean_one(tmp_pa
 
 def test_loose_angles_and_axis_are_wrong_only_in_what_is_recorded(tmp_path: Path) -> None:
     exact = made(tmp_path, out=tmp_path / "exact")
-    loose = made(tmp_path, out=tmp_path / "loose", loose=PoseErrors(angle_deg=1.5, axis_m=0.006))
+    loose = made(tmp_path, out=tmp_path / "loose", angle_error_deg=1.5, axis_error_mm=6.0)
     error = np.subtract(loose.angles_deg, exact.angles_deg)
     assert error[0] == 0
     assert 0.3 < np.std(error[1:]) < 4
@@ -231,10 +232,8 @@ def test_loose_angles_and_axis_are_wrong_only_in_what_is_recorded(tmp_path: Path
 def test_a_swinging_item_stays_at_the_held_point() -> None:
     vertices, _, _ = arc()
     hung = hang(vertices, up="z", scale=1.0, held=(RADIUS_M, 0.0, 0.0), distance_m=0.85)
-    angles = tuple(float(a) for a in range(360))
-    still, swinging = (
-        turn(hung, angles, PoseErrors(swing_m=swing), np.random.default_rng(0)) for swing in (0.0, 0.02)
-    )
+    asked = [Request(mesh=Path(), out=Path(), step_deg=1.0, sway_mm=sway_mm) for sway_mm in (0.0, 20.0)]
+    still, swinging = (turn(hung, each, np.random.default_rng(0)) for each in asked)
     lowest = hung.held_point_m + np.array([0, HEIGHT_M, 0])
     moved = np.array(
         [
@@ -245,14 +244,15 @@ def test_a_swinging_item_stays_at_the_held_point() -> None:
     assert np.allclose(moved[:, 0], 0)
     assert np.allclose(moved[0], 0)  # angles count from view 0
     assert np.allclose(moved[:, 1].std(axis=0)[[0, 2]], 0.02, rtol=0.15)
-    assert swinging.recorded_angles_deg == angles
+    assert swinging.recorded_angles_deg == tuple(map(float, range(360)))
     assert (swinging.recorded_axis.point_m == still.recorded_axis.point_m).all()
 
 
 def test_recorded_angles_never_fall_on_each_other() -> None:
     vertices, _, _ = arc()
     hung = hang(vertices, up="z", scale=1.0, held=None, distance_m=0.85)
-    turning = turn(hung, tuple(map(float, range(360))), PoseErrors(angle_deg=5.0), np.random.default_rng(0))
+    asked = Request(mesh=Path(), out=Path(), step_deg=1.0, angle_error_deg=5.0)
+    turning = turn(hung, asked, np.random.default_rng(0))
     recorded = np.sort(np.mod(turning.recorded_angles_deg, 360))
     assert np.diff(recorded, append=recorded[0] + 360).min() > 0.009
 
@@ -265,20 +265,18 @@ def test_recorded_angles_never_fall_on_each_other() -> None:
     [
         ({"scale": 0.001}, r"sheet\.obj: The mesh is 0.0003 m large, a garment has"),
         ({"held": (1.0, 0.0, 0.0)}, "mm away from that point"),
-        ({"held": 100_000}, "--held-vertex 100000: the mesh has vertices 0 to"),
+        ({"held": None, "held_vertex": 100_000}, "--held-vertex 100000: the mesh has vertices 0 to"),
         ({"up": "-z", "held": (RADIUS_M, 0.0, 0.0)}, "extends only 0 mm below"),
-        ({"up": "w"}, "--up w: not an axis"),
         ({"panel": "sleeve"}, r"--panel sleeve: not a side of this mesh\. Choose 1 \(piece 1\)"),
         ({"panel": "2"}, "--panel 2: not a side"),
         ({"texture": "mesh"}, "has no colors. Choose"),
         ({"texture": "tartan"}, "--texture tartan: unknown"),
-        ({"noise": "kinect"}, "--sensor kinect: unknown"),
         ({"distance_m": 0.1}, "--distance 0.1: choose"),
         ({"distance_m": float("nan")}, "--distance nan: choose"),
         ({"step_deg": 0.0}, "--step 0: choose"),
-        ({"loose": PoseErrors(swing_m=1.0)}, "--sway 1000: choose"),
-        ({"loose": PoseErrors(twist_deg=20.0)}, "--twist 20: choose"),
-        ({"exposure": Exposure(share=0.9)}, "--exposure 90: choose"),
+        ({"sway_mm": 1000.0}, "--sway 1000: choose"),
+        ({"twist_deg": 20.0}, "--twist 20: choose"),
+        ({"exposure_percent": 90.0}, "--exposure 90: choose"),
         ({"seed": -1}, "--seed -1: choose"),
     ],
 )
