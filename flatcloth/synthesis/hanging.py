@@ -167,7 +167,7 @@ def _held_point(
         return np.asarray(points[held])
     point: Float64 = camera_from_file @ np.asarray(held, dtype=np.float64)
     nearest = float(np.linalg.norm(points - point, axis=1).min())
-    if nearest > 0.1:
+    if not nearest <= 0.1:  # also if it is no number
         raise SynthesisError(
             f"--held: the mesh is {1e3 * nearest:.0f} mm away from that point. "
             "Give it in the file's frame and unit."

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from full_disks import full
-from tiny_recordings import HEIGHT, WIDTH, write_recording
+from tiny_recordings import HEIGHT, WIDTH, write_image, write_recording
 
+from flatcloth.cli import main
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics, RotationAxis
 from flatcloth.recordings import open_recording
@@ -52,6 +53,17 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(frame.color, color(1))
     np.testing.assert_array_equal(frame.depth_m, depth(1).astype(np.float32) * np.float32(0.0001))
     np.testing.assert_array_equal(frame.mask, mask)
+
+
+def test_a_copy_of_masks_that_name_both_sides_names_both(tmp_path: Path) -> None:
+    folder, out = write_recording(tmp_path / "tiny"), tmp_path / "copy"
+    for n in range(3):
+        write_image(folder / f"mask/{n}.png", np.repeat(np.uint8([[0], [128], [255]]), WIDTH, 1).repeat(4, 0))
+    assert main(["import", str(folder), "--out", str(out)]) == 0
+    for one, other in zip(open_recording(folder), open_recording(out), strict=True):  # type: ignore[call-overload]
+        np.testing.assert_array_equal(other.mask, one.mask)
+        np.testing.assert_array_equal(other.other_mask, one.other_mask)
+        assert other.other_mask.any()
 
 
 @pytest.mark.parametrize("at", range(9))

@@ -265,6 +265,7 @@ def test_recorded_angles_never_fall_on_each_other() -> None:
     [
         ({"scale": 0.001}, r"sheet\.obj: The mesh is 0.0003 m large, a garment has"),
         ({"held": (1.0, 0.0, 0.0)}, "mm away from that point"),
+        ({"held": (float("nan"), 0.0, 0.0)}, "nan mm away from that point"),
         ({"held": None, "held_vertex": 100_000}, "--held-vertex 100000: the mesh has vertices 0 to"),
         ({"up": "-z", "held": (RADIUS_M, 0.0, 0.0)}, "extends only 0 mm below"),
         ({"panel": "sleeve"}, r"--panel sleeve: not a side of this mesh\. Choose 1 \(piece 1\)"),
