@@ -279,6 +279,9 @@ def test_recorded_angles_never_fall_on_each_other() -> None:
         ({"twist_deg": 20.0}, "--twist 20: choose"),
         ({"exposure_percent": 90.0}, "--exposure 90: choose"),
         ({"seed": -1}, "--seed -1: choose"),
+        ({"size_px": (10, 100)}, "--size 10 100"),
+        ({"focal_px": 5.0}, "--focal 5"),
+        ({"center_px": (150.0, 50.0)}, "--center 150 50"),
     ],
 )
 def test_wrong_requests(tmp_path: Path, more: dict[str, object], said: str) -> None:
@@ -313,19 +316,6 @@ def test_a_flat_panel_too_large_for_the_format(tmp_path: Path) -> None:
     mesh = write_obj(tmp_path / "curtain.obj", vertices * (1, 1, 12), triangles)
     with pytest.raises(SynthesisError, match="over 3 m large when flat"):
         synthesize(request(tmp_path, mesh, distance_m=4.0))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (((10, 100), 100.0, None), "--size 10 100"),
-        (((100, 100), 5.0, None), "--focal 5"),
-        (((100, 100), 100.0, (150.0, 50.0)), "--center 150 50"),
-    ],
-)
-def test_cameras_that_do_not_exist(arguments: tuple[object, ...], said: str) -> None:
-    with pytest.raises(SynthesisError, match=said):
-        camera_of(*arguments)  # type: ignore[arg-type]
 
 
 def test_an_item_that_leaves_the_image_is_noted(tmp_path: Path) -> None:

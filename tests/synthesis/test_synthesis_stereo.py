@@ -11,6 +11,7 @@ from flatcloth.cli import main
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.synthesis.hanging import hang, turn, twisted
+from flatcloth.synthesis.recording import camera_of
 from flatcloth.synthesis.request import Request
 from flatcloth.synthesis.sensor import COLOR_ABOVE_M, aligned_color, exposed, match
 
@@ -95,7 +96,7 @@ def test_a_stereo_recording_is_that_of_the_mesh_with_the_errors_of_matching(tmp_
 
 
 def test_color_is_taken_from_where_the_camera_above_sees_the_cloth() -> None:
-    camera = open_camera()
+    camera = camera_of((64, 128), 180.0)
     depth = np.full((camera.height, camera.width), 0.85, dtype=np.float32)
     depth[:, :5] = 0
     rows = np.repeat(np.arange(camera.height, dtype=np.uint8)[:, None], camera.width, axis=1)
@@ -103,12 +104,6 @@ def test_color_is_taken_from_where_the_camera_above_sees_the_cloth() -> None:
     assert not seen[:, :5].any()
     shift = round(camera.fy * COLOR_ABOVE_M / 0.85)
     assert (seen[50, 5:] == 50 + shift).all()
-
-
-def open_camera():
-    from flatcloth.synthesis.recording import camera_of
-
-    return camera_of((64, 128), 180.0)
 
 
 def test_a_twist_grows_downwards_and_leaves_heights_and_the_held_point() -> None:
