@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -159,20 +160,11 @@ def test_resuming_never_writes_over_a_listed_image(tmp_path: Path) -> None:
     assert [int(read[n].color[0, 0, 2]) for n in range(3)] == [1, 2, 9]
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            {"intrinsics": Intrinsics(width=WIDTH, height=HEIGHT, fx=21, fy=20, cx=7.5, cy=5.5)},
-            "another camera",
-        ),
-        ({"depth_scale_m": 0.001}, "another camera or other settings"),
-    ],
-)
-def test_another_camera_cannot_go_on(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+@pytest.mark.parametrize("change", [{"intrinsics": replace(CAMERA, fx=21.0)}, {"depth_scale_m": 0.001}])
+def test_another_camera_cannot_go_on(tmp_path: Path, change: dict[str, Any]) -> None:
     with writing(tmp_path) as made:
         made.add(0, color(0), depth(0))
-    with pytest.raises(RecordingError, match=message):
+    with pytest.raises(RecordingError, match="another camera or other settings"):
         writing(tmp_path, resume=True, **change)
 
 

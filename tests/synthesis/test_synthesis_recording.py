@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import trimesh
 from garment_meshes import HEIGHT_M, RADIUS_M, arc, tube, write_glb, write_obj, write_ply
 
 from flatcloth.cli import main
@@ -230,8 +231,7 @@ def test_loose_angles_and_axis_are_wrong_only_in_what_is_recorded(tmp_path: Path
 
 
 def test_a_swinging_item_stays_at_the_held_point() -> None:
-    vertices, _, _ = arc()
-    hung = hang(vertices, up="z", scale=1.0, held=(RADIUS_M, 0.0, 0.0), distance_m=0.85)
+    hung = hang(arc()[0], up="z", scale=1.0, held=(RADIUS_M, 0.0, 0.0), distance_m=0.85)
     asked = [Request(mesh=Path(), out=Path(), step_deg=1.0, sway_mm=sway_mm) for sway_mm in (0.0, 20.0)]
     still, swinging = (turn(hung, each, np.random.default_rng(0)) for each in asked)
     lowest = hung.held_point_m + np.array([0, HEIGHT_M, 0])
@@ -249,8 +249,7 @@ def test_a_swinging_item_stays_at_the_held_point() -> None:
 
 
 def test_recorded_angles_never_fall_on_each_other() -> None:
-    vertices, _, _ = arc()
-    hung = hang(vertices, up="z", scale=1.0, held=None, distance_m=0.85)
+    hung = hang(arc()[0], up="z", scale=1.0, held=None, distance_m=0.85)
     asked = Request(mesh=Path(), out=Path(), step_deg=1.0, angle_error_deg=5.0)
     turning = turn(hung, asked, np.random.default_rng(0))
     recorded = np.sort(np.mod(turning.recorded_angles_deg, 360))
@@ -326,21 +325,9 @@ def test_an_item_that_leaves_the_image_is_noted(tmp_path: Path) -> None:
 
 def test_a_folded_truth_is_noted(tmp_path: Path) -> None:
     # A ball with a small hole: no way of laying it flat keeps it from folding.
-    across, around = np.meshgrid(np.radians(np.linspace(8, 172, 12)), np.radians(np.arange(0, 360, 15)))
-    ring = np.stack(
-        [np.sin(across) * np.cos(around), np.sin(across) * np.sin(around), np.cos(across)], axis=-1
-    )
-    i = np.arange(ring[..., 0].size).reshape(ring.shape[:2])
-    j = np.roll(i, -1, axis=0)
-    sides = np.concatenate(
-        [
-            np.stack([i[:, :-1], i[:, 1:], j[:, 1:]], -1).reshape(-1, 3),
-            np.stack([i[:, :-1], j[:, 1:], j[:, :-1]], -1).reshape(-1, 3),
-        ]
-    )
-    floor = np.stack([np.full(24, i.size), np.roll(i[:, -1], -1), i[:, -1]], axis=1)
-    vertices = np.concatenate([0.15 * ring.reshape(-1, 3), [[0, 0, -0.15]]])
-    mesh = write_obj(tmp_path / "ball.obj", vertices, np.concatenate([sides, floor]))
+    ball = trimesh.creation.uv_sphere(0.15, count=(24, 24))
+    below = (ball.vertices[ball.faces][..., 2] < 0.1499).all(axis=1)
+    mesh = write_obj(tmp_path / "ball.obj", ball.vertices, ball.faces[below])
     result = synthesize(request(tmp_path, mesh, held=None))
     assert "folded on the plane" in result.warnings[0]
 
