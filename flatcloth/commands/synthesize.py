@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from flatcloth.commands.options import Output
-from flatcloth.commands.output import ProgressBar, report
+from flatcloth.commands.output import ProgressBar, refuse_full, report
 from flatcloth.synthesis.request import Request
 
 SUMMARY = "render a garment mesh to a recording with its truth"
@@ -27,6 +27,7 @@ def run(options: Options) -> None:
     from flatcloth.synthesis.recording import synthesize
     from flatcloth.validation.kit import printed_cloth, read_kit, write_kit
 
+    refuse_full(options.out)
     texture = options.texture or ""
     kit = read_kit(Path(texture)) if isinstance(texture, str) and texture.endswith(".json") else None
     with ProgressBar(options.out.name) as bar:

@@ -285,6 +285,15 @@ def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> No
     assert (tmp_path / "s" / "session.json").is_file()
 
 
+@pytest.mark.parametrize(
+    "command", ["import x --out", "segment x --out", "synthesize x --out", "check x --pictures"]
+)
+def test_a_folder_with_something_in_it_is_refused_before_any_work(command, tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("keep")
+    assert main([*command.split(), str(tmp_path)]) == 2
+    assert f"{tmp_path}: not empty" in capsys.readouterr().err  # and not that there is no x
+
+
 # --- check -----------------------------------------------------------------------------------------
 
 
