@@ -12,7 +12,7 @@ from pathlib import Path
 
 ON_ONE_CORE = ("garments", "registration", "segmentation", "speed")
 """Their times are those of one core; they are run last."""
-BUNDLED = ("accuracy", "flattening", "page", "reliability", "segmentation", "size", "speed")
+BUNDLED = ("accuracy", "flattening", "page", "reliability", "segmentation", "speed")
 """Run if none is named: on the bundled recordings they take minutes, and replace the results of others. Those
 left out are about other recordings, take hours, or write what the program reads (``compiling``)."""
 NAMES = tuple(
@@ -44,7 +44,6 @@ def main() -> None:
     parser.add_argument(
         "--meshes", nargs="+", default=[], metavar="OBJ", help="active, states: hanging meshes"
     )
-    parser.add_argument("--integrate", action="store_true", help="mistakes: results of them, too; hours")
     parser.add_argument("--against", default="", metavar="FILE", help="shape: figures of another commit")
     parser.add_argument(
         "--sensor", default="stereo", choices=("d435", "stereo"), help="active: noise (default: stereo)"

@@ -17,9 +17,9 @@ from flatcloth.engine.evaluation import read_true_points
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.recordings.writer import DEPTH_SCALE_M, depth_units
-from flatcloth.synthesis.hanging import PoseErrors
 from flatcloth.synthesis.meshes import read_mesh
-from flatcloth.synthesis.recording import Cell, Request
+from flatcloth.synthesis.recording import Cell
+from flatcloth.synthesis.request import Request
 
 SEEN_M = 0.012
 """A point is visible by truth if a pixel of its panel is as near. Chosen: the error of a named point."""
@@ -35,9 +35,8 @@ class Views:
     def __init__(self, mesh: Path, folder: Path, sensor: str) -> None:
         self.mesh, self._folder = mesh, folder
         folder.mkdir(parents=True, exist_ok=True)
-        loose = PoseErrors(swing_m=0.002)
         self.cell = Cell(
-            Request(mesh=mesh, out=Path(), panel="1", texture="floral", noise=sensor, loose=loose)
+            Request(mesh=mesh, out=Path(), panel="1", texture="floral", noise=sensor, sway_mm=2.0)
         )
 
     def at(self, panel: int, start_deg: float, angle_deg: float) -> SeenView:

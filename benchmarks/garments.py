@@ -1,56 +1,42 @@
 """What garment, how large, where its points are: against the truth of synthetic recordings.
 
 Nothing is fitted to recordings but three constants of ``flatcloth.garments.recognition`` (temperature,
-misfit and its width); a table tells what the limit of the misfit is when each garment is left out.
+misfit and its width).
 """
 
 from __future__ import annotations
 
 import itertools
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.inputs import sources
 from benchmarks.markdown import table
 from benchmarks.output import Options, save, save_page, say
 from benchmarks.unattended import both_sides
-from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import FlattenedView
 from flatcloth.engine.evaluation import (
     GarmentEvaluation,
     TruePoints,
     compare_garment,
-    look_up,
     read_true_points,
-    trimmed_fit,
 )
-from flatcloth.engine.garment import evidence_of_shape
-from flatcloth.engine.integration import Integration
 from flatcloth.garments import recognition
-from flatcloth.garments.deciding import pixels_of_part
-from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.example import seen_outline
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.links import DoubtedLink, doubted_links, is_offered, is_wrong
-from flatcloth.session.document import Document
-from flatcloth.session.garment import GarmentDecisions
 
-_WRONG_M = 0.06
-"""Cloth this far from its true place lies wrong: farther than a sleeve is turned. Chosen."""
 _BINS = (0.0, 0.3, 0.5, 0.7, 0.9, 1.0001)
 
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/garments.json`` and ``.md`` unless ``quick``."""
-    rows: list[tuple[str, GarmentEvaluation, dict[str, float], dict[str, Any]]] = []
+    rows: list[tuple[str, GarmentEvaluation, dict[str, float]]] = []
     for source in sources(options.recordings):
         rows.append(row_of(source))
-        say("  ".join(f"{cell:>10}" for cell in cells_of(*rows[-1][:3])))
+        say("  ".join(f"{cell:>10}" for cell in cells_of(*rows[-1])))
     unknown = {name: unknown_of(loops) for name, loops in UNKNOWN.items()}
     for name, (kind, none) in unknown.items():
         say(f"{name}: {kind}, none of these {none:.2f}")
@@ -60,7 +46,7 @@ def run(options: Options) -> None:
     if options.quick:
         return
     names = [row[0] for row in rows]
-    written = [{"recording": name, **asdict(found), "seconds": seconds} for name, found, seconds, _ in rows]
+    written = [{"recording": name, **asdict(found), "seconds": seconds} for name, found, seconds in rows]
     save("garments", {"summary": figures, "unknown": unknown, "rows": written}, names)
     save_page("garments", page_of(rows, figures, unknown), names)
 
@@ -86,8 +72,8 @@ def garment_summary(rows: list[GarmentEvaluation]) -> dict[str, float]:
     }
 
 
-def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[str, Any]]:
-    """Return a recording's name, its comparison, the seconds of the steps and what is learned from it."""
+def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float]]:
+    """Return a recording's name, its comparison, and the seconds of the steps."""
     service, document, truth = both_sides(source)
     integration, sides = service.integration, service.joined(document)
     canonical = integration.canonical(document)
@@ -102,13 +88,7 @@ def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[
     times.append(time.perf_counter())
     steps = dict(zip(("evidence_s", "recognition_s", "drag_s"), np.diff(times).tolist(), strict=True))
     compared = compare_garment(found, canonical.view, canonical.floating, truth, points, sides)
-    learned = {
-        **_links_of(integration, document, truth, points.kind),
-        "garment": integration.recording.name.split("-")[0],
-        "misfit": recognition.misfit_of(found.fit, evidence[0]),
-        "right": found.fit.kind.name == points.kind,
-    }
-    return integration.recording.name, compared, steps, learned
+    return integration.recording.name, compared, steps
 
 
 def _kind_of(name: str) -> TruePoints:
@@ -119,39 +99,9 @@ def _kind_of(name: str) -> TruePoints:
     )
 
 
-def _links_of(integration: Integration, document: Document, truth: Any, true_kind: str) -> dict[str, Any]:
-    """Return the weakest links of a shape that no kind fits, by all kinds and by all but the true one."""
-    document = replace(document, garment=GarmentDecisions())  # as it hung before parts were taken off
-    canonical, cloth = integration.canonical(document), integration.cloth(document)
-    assert cloth is not None, "robust knows how its shapes hang together"
-    main = evidence_of_shape(integration, document, canonical)[0]
-    fits = recognition.fits_of(main)
-    found = {}
-    for name, known in (("links", fits), ("other", [fit for fit in fits if fit.kind.name != true_kind])):
-        suspect = recognition.is_suspect(known[0], main)
-        found[name] = [
-            (link, wrong_share(pixels_of_part(canonical.view, cloth, link.part), canonical.view, truth))
-            for link in (doubted_links(known, main, cloth) if suspect else [])
-        ]
-    return found
-
-
-def wrong_share(part: NDArray[np.bool_], shape: FlattenedView, truth: Any) -> float:
-    """Return the share of the cloth of a part (H, W) of the shape more than 60 mm from its true place."""
-    true, uv = look_up(shape, truth), shape.uv_from_rc(np.argwhere(shape.valid))
-    known = np.isfinite(true[:, 0])
-    truth_from_shape = fit_rigid2(uv[known], trimmed_fit(uv[known], true[known].astype(np.float64)))
-    off_m = np.linalg.norm(truth_from_shape.apply(uv) - true, axis=1)
-    return float(np.nanmean(off_m[part[shape.valid]] > _WRONG_M))
-
-
 _HEAD = (
     "recording", "kind", "p of the true kind", "p of none", "seen points, mm (n)", "unseen points, mm (n)",
     "dimensions, %", "pieces placed, mm", "recognition, s", "drag, ms",
-)  # fmt: skip
-_LINKS = (
-    "recording", "part, cm2", "p that the link is right", "evidence per row", "offered", "taken off by `run`",
-    "more than 60 mm off its true place",
 )  # fmt: skip
 
 
@@ -184,7 +134,7 @@ def page_of(rows: list[Any], figures: dict[str, float], unknown: dict[str, tuple
 
 Medians of each recording; worst first.
 
-{table(_HEAD, (cells_of(*row[:3]) for row in worst))}
+{table(_HEAD, (cells_of(*row) for row in worst))}
 
 ## All together
 
@@ -194,32 +144,10 @@ Medians of each recording; worst first.
 
 {table(("stated", "right", "answers"), reliability_of([row[1] for row in rows]))}
 
-## Leave one garment out: the misfit limit
-
-{table(("left out", "limit", "rows right"), left_out_of([row[3] for row in rows]))}
-
-## Links of the shapes that no garment fits
-
-{_table_of_links(rows, "links")}
-
-## The same if the garment is of a kind that is not known
-
-{_table_of_links(rows, "other")}
-
 ## Shapes of no known kind
 
 {table(("shape", "answer", "p of none"), shapes)}
 """
-
-
-def _table_of_links(rows: list[Any], name: str) -> str:
-    links: list[tuple[str, DoubtedLink, float]] = [(row[0], *each) for row in rows for each in row[3][name]]
-    cells = []
-    for recording, link, share in sorted(links, key=lambda each: each[1].probability):
-        figures = f"{1e4 * link.area_m2:.0f}", f"{link.probability:.3f}", f"{link.evidence:.2f}"
-        answers = ("yes" if yes else "no" for yes in (is_offered(link), is_wrong(link)))
-        cells.append((recording, *figures, *answers, f"{share:.0%}"))
-    return table(_LINKS, cells)
 
 
 def reliability_of(found: list[GarmentEvaluation]) -> list[tuple[str, str, int]]:
@@ -230,22 +158,6 @@ def reliability_of(found: list[GarmentEvaluation]) -> list[tuple[str, str, int]]
     return [
         (f"{told[own].mean():.2f}", f"{right[own].mean():.2f}", int(own.sum())) for own in bins if own.any()
     ]
-
-
-def left_out_of(learned: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
-    """Return the limit of the misfit that the other garments alone would give, and whether it holds.
-
-    The limit lies midway between the largest misfit of a right fit and the smallest of an unknown shape.
-    """
-    least_unknown = min(misfit_of_unknown(loops) for loops in UNKNOWN.values() if len(loops) == 1)
-    lines = []
-    for garment in sorted({row["garment"] for row in learned}):
-        others = [row["misfit"] for row in learned if row["garment"] != garment and row["right"]] or [np.nan]
-        limit = (float(np.percentile(others, 90)) + least_unknown) / 2
-        own = [row for row in learned if row["garment"] == garment]
-        holds = sum((row["misfit"] < limit) == row["right"] for row in own)
-        lines.append((garment, f"{limit:.3f}", f"{holds} of {len(own)}"))
-    return lines
 
 
 # ------------------------------------------------------------------ shapes of no known kind
@@ -285,19 +197,8 @@ UNKNOWN: dict[str, list[list[tuple[float, float]]]] = {
 }  # fmt: skip
 
 
-def unknown_evidence(loops: list[list[tuple[float, float]]]) -> PieceEvidence:
-    """Return the evidence of a flat shape whose whole border was seen, off by 4 mm at random."""
-    return seen_outline([np.array(loop) for loop in loops])
-
-
 def unknown_of(loops: list[list[tuple[float, float]]]) -> tuple[str, float]:
-    """Return the answer for a shape, and the probability of none of the kinds."""
-    evidence = unknown_evidence(loops)
+    """Return the answer for a flat shape whose whole border was seen, and the probability of no kind."""
+    evidence = seen_outline([np.array(loop) for loop in loops])
     probabilities = recognition.probabilities_by(recognition.fits_of(evidence), evidence)
     return max(probabilities, key=lambda name: probabilities[name]), probabilities[recognition.NONE]
-
-
-def misfit_of_unknown(loops: list[list[tuple[float, float]]]) -> float:
-    """Return the energy per true edge of the best fit of a shape."""
-    evidence = unknown_evidence(loops)
-    return recognition.misfit_of(recognition.fits_of(evidence)[0], evidence)

@@ -5,18 +5,13 @@ a name that is right, and mended if one of its mends gives the right recording a
 camera, angles to 2.2 degrees (four deviations of careful recordings), focal length to 2 %, color to 2 pixels.
 Recordings as they are must have no finding. The time is that of the processor, of all threads together, and U
 is measured in the same way beside each case, since other work on the machine slows both.
-
-With ``--integrate`` results are compared, too: those of mended recordings, and those of mistakes that nothing
-stops.
 """
 
 from __future__ import annotations
 
-import gc
 import math
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,35 +19,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.inputs import measure_each
-from benchmarks.markdown import result
 from benchmarks.output import Options, Row
 from benchmarks.speed import unit_s
-from flatcloth.api.integrating import integrate
-from flatcloth.api.shape import Shape
-from flatcloth.checking.check import check_recording, checked
+from flatcloth.checking.check import check_recording
 from flatcloth.checking.findings import Check
-from flatcloth.core.errors import EvaluationError, FlatclothError
 from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import RgbdFrame, RotationAxis
-from flatcloth.engine.evaluation import compare
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording, ViewImages, altered, images_of
 from flatcloth.recordings.mending import Mends, mended
-from flatcloth.recordings.truth import Truth
 
 _ANGLE_DEG, _FOCAL = 2.2, 0.02
 _REPEATS = 5
-SAME, FAR_M = 0.05, 0.020
-"""A result is the same if its area and its reliable share differ by at most this share, and lengths of the
-same garment by at most this. Chosen: the view that a run begins with changes results as much."""
-POORER = ("exposure jumps", "views too far apart")
-"""Mistakes that make results poorer, not wrong."""
-HOPELESS = (
-    ("turned the other way", 1),
-    ("angles too small or too large", 2.0),
-    ("views in another order", 3),
-)
-"""Mistakes, with a strength, that are certain and with which no view fits another."""
 
 
 @dataclass(frozen=True)
@@ -261,11 +239,8 @@ def _same_axis(right: Recording, other: Recording) -> bool:
 
 
 def run(options: Options) -> None:
-    """Measure and print; write ``results/mistakes.json`` and those of ``--integrate`` unless ``quick``."""
+    """Measure and print; write ``results/mistakes.json`` unless ``quick``."""
     measure_each("mistakes", rows_of, options)
-    if options.integrate:
-        measure_each("mended_results", mended_rows, options)
-        measure_each("unmended", unmended_rows, options)
 
 
 def rows_of(source: str) -> list[Row]:
@@ -302,108 +277,3 @@ def _row(file: Recording, right: Recording, wrong: Recording, kind: Kind | None,
         "mended": None if kind is None or not kind.has_mend else right_mend(right, wrong, check) is not None,
         "time_u": round(seconds / unit_s(_REPEATS, time.process_time), 1),
     }
-
-
-@dataclass(frozen=True)
-class Made:
-    """A result: the shape, the seconds of the processor that it took, and the lengths of its garment, m."""
-
-    shape: Shape
-    seconds: float
-    kind: str
-    lengths_m: dict[str, float]
-
-    def lengths_off_m(self, right: Made) -> list[float]:
-        """Return how far its lengths are off those of the right result, if that is of the same garment."""
-        both = self.lengths_m.keys() & right.lengths_m.keys() if self.kind == right.kind else set()
-        return [abs(self.lengths_m[name] - right.lengths_m[name]) for name in both]
-
-
-def made_of(recording: Recording) -> Made:
-    """Check and integrate a recording as it is, on one core."""
-    gc.collect()  # shapes are in cycles: without it, those of several recordings stay
-    began_s = time.process_time()
-    checked(recording)
-    shape = integrate(recording, sides="one", cores=1)
-    seconds = time.process_time() - began_s
-    try:
-        garment = shape.garment()
-    except FlatclothError:
-        return Made(shape, seconds, "unknown", {})
-    lengths_m = {name: each.value_m for name, each in garment.dimensions.items()}
-    return Made(shape, seconds, garment.kind, lengths_m)
-
-
-def mended_rows(source: str) -> list[Row]:
-    """Make mistakes that can be mended at their middle strength, mend them, and compare with what is right.
-
-    It is mended by the first of the proposed mends that gives the right recording again, by the first one if
-    none does.
-    """
-    recording = open_recording(source)
-    right, rows = made_of(recording), []
-    for kind in (kind for kind in KINDS if kind.has_mend):
-        strength = kind.strengths[len(kind.strengths) // 2]
-        wrong = kind.make(recording, strength)
-        check = check_recording(wrong)
-        proposed = [mends for finding in check.findings for mends in finding.mends]
-        mends = right_mend(recording, wrong, check) or next(iter(proposed), None)
-        row: Row = {"recording": recording.name, "mistake": kind.name, "strength": strength}
-        rows.append(row | ({"mend": "", "same": False} if mends is None else _compared(wrong, mends, right)))
-    return rows
-
-
-def _compared(wrong: Recording, mends: Mends, right: Made) -> Row:
-    """Return how the result of a mended recording differs from the right one."""
-    made = made_of(mended(wrong, mends))
-    area = made.shape.view.area_m2 / right.shape.view.area_m2
-    reliable = float(made.shape.report.get("firm_share", 0.0) - right.shape.report.get("firm_share", 0.0))
-    off_m, is_kind = max(made.lengths_off_m(right), default=0.0), made.kind == right.kind
-    return {
-        "mend": mends.words(),
-        "area": round(area, 4),
-        "reliable": round(reliable, 4),
-        "kind": is_kind,
-        "length_mm": round(1e3 * off_m, 1) if is_kind else None,
-        "wrong": len(made.shape.report["wrong"]),
-        "same": abs(area - 1) <= SAME and abs(reliable) <= SAME and is_kind and off_m <= FAR_M,
-    }
-
-
-def unmended_rows(source: str) -> list[Row]:
-    """Integrate what nothing stops, as recorded: what is reliable of it? And hopeless ones: how long?
-
-    Which mistakes are certain ``results/mistakes.json`` says. A result is compared with the truth after one
-    rigid fit, so that wrong lengths count.
-    """
-    recording, right, rows = open_recording(source), made_of(open_recording(source)), []
-    for known in (row for row in result("mistakes") if row["recording"] == recording.name):
-        mistake, strength = known["mistake"], known["strength"]
-        is_hopeless = known["certain"] and (mistake, strength) in HOPELESS
-        if not is_hopeless and (known["certain"] or mistake in ("none", *POORER)):
-            continue
-        (kind,) = (kind for kind in KINDS if kind.name == mistake)
-        wrong = kind.make(recording, strength)
-        made = made_of(wrong)
-        row: Row = {
-            "recording": recording.name,
-            "mistake": mistake,
-            "strength": strength,
-            "hopeless": is_hopeless,
-            "wrong": len(made.shape.report["wrong"]),
-            "views": len(made.shape.views),
-            "time_ratio": round(made.seconds / right.seconds, 2),
-            "reliable": 0.0,
-        }
-        with suppress(EvaluationError):
-            found = compare(made.shape.view, Truth(source), wrong)
-            if found.firm_share > 0.0:
-                off_m = made.lengths_off_m(right)
-                row |= {
-                    "reliable": round(found.firm_share, 3),
-                    "far": round(found.firm_far_share, 4),
-                    "lengths": len(off_m),
-                    "lengths_far": sum(each > FAR_M for each in off_m),
-                }
-        rows.append(row)
-    return rows

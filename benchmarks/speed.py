@@ -2,9 +2,8 @@
 
 U is the time in which SciPy's SuperLU (symmetric mode, MMD_AT_PLUS_A) factors the five-point Laplacian
 of a grid of 110 x 110, measured in the same run on the same core. Warm times include the reading of the
-files; ``benchmarks.size`` times the command ``flatcloth run`` as a user meets it, with imports and export.
-Proposals are those of a session that decides about one view at a time: from *Step* to the picture of the
-proposal.
+files. Proposals are those of a session that decides about one view at a time: from *Step* to the picture of
+the proposal.
 """
 
 from __future__ import annotations

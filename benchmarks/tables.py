@@ -7,7 +7,7 @@ here.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -146,49 +146,12 @@ def mistakes() -> str:
             shares.append(percent(float(np.mean(known))) if known else "")
         return (name, len(own), *shares, f"{float(np.median([row['time_u'] for row in own])):.0f}")
 
-    lines = [line(name, own) for name, own in by_mistake(made).items()]
+    names = dict.fromkeys(row["mistake"] for row in made)
+    lines = [line(name, [row for row in made if row["mistake"] == name]) for name in names]
     alarms = [row["found"] for row in rows if row["mistake"] == "none"]
     head = ("mistake", "made", "found", "certain", "named", "mended", "time, U")
     about = f"False alarms on the recordings as they are: {sum(alarms)} of {len(alarms)}."
     return f"{table(head, [*lines, line('all', made)])}\n\n{about}\n\n{origin('mistakes')}"
-
-
-def by_mistake(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Return the rows of each kind of mistake."""
-    names = dict.fromkeys(row["mistake"] for row in rows)
-    return {name: [row for row in rows if row["mistake"] == name] for name in names}
-
-
-def unmended() -> str:
-    """Return what results call reliable of mistakes that nothing stops, and the time of hopeless ones."""
-    rows = result("unmended")
-    hopeless = [row["time_ratio"] for row in rows if row["hopeless"]]
-    missed = [row for row in rows if not row["hopeless"]]
-    counted = [row for row in missed if row["reliable"] > 0]
-    told, far = sum(row["wrong"] > 0 for row in missed), max(row["far"] for row in counted)
-    lengths, off = (sum(row[key] for row in counted) for key in ("lengths", "lengths_far"))
-    lines = [
-        ("mistakes that are not certain, integrated as recorded", len(missed), ""),
-        ("of these, results that say that something is wrong", told, ""),
-        ("results with reliable cloth; of it beyond 20 mm", len(counted), percent(far, 1)),
-        ("their lengths; of these off by more than 20 mm", lengths, off),
-        ("hopeless recordings; time over that of the right one", len(hopeless), max(hopeless)),
-    ]
-    return f"{table(('measured', 'count', 'worst'), lines)}\n\n{origin('unmended')}"
-
-
-def mended_results() -> str:
-    """Return how results of mended recordings differ from the right ones, by kind of mistake."""
-    lines = []
-    for name, own in by_mistake(result("mended_results")).items():
-        made = [row for row in own if row["mend"]]
-        area = max((abs(row["area"] - 1) for row in made), default=0.0)
-        reliable = max((abs(row["reliable"]) for row in made), default=0.0)
-        length_mm = max((row["length_mm"] or 0.0 for row in made), default=0.0)
-        same = f"{sum(row['same'] for row in own)} of {len(own)}"
-        lines.append((name, same, percent(area, 1), percent(reliable, 1), f"{length_mm:.0f}"))
-    head = ("mistake, mended", "same result", "area differs by up to", "reliable share", "lengths, mm")
-    return f"{table(head, lines)}\n\n{origin('mended_results')}"
 
 
 def active() -> str:
@@ -199,8 +162,6 @@ def active() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     "mistakes": mistakes,
-    "unmended": unmended,
-    "mended_results": mended_results,
     "bundled": accuracy_of_bundled,
     "summary": summary,
     "speed": speed,

@@ -10,7 +10,8 @@ from flatcloth.active.eye import step, view_of_cell
 from flatcloth.active.goal import Budget, Goal
 from flatcloth.active.incoming import SeenView
 from flatcloth.active.loop import ActiveLoop
-from flatcloth.synthesis.recording import Cell, Request, camera_of
+from flatcloth.synthesis.recording import Cell
+from flatcloth.synthesis.request import Request
 
 SHAPE = Goal(about="shape")
 
@@ -19,7 +20,7 @@ def sheet_cell(folder: Path, span_deg: float = 300.0, **more: object) -> Cell:
     """A cell with a sheet that is bent nearly round, which no single view shows as a whole."""
     folder.mkdir(exist_ok=True)
     mesh = write_obj(folder / "sheet.obj", *arc(span_deg, columns=48))
-    request = Request(mesh=mesh, out=folder, camera=camera_of((128, 176), 250.0), held=(RADIUS_M, 0.0, 0.0))
+    request = Request(mesh=mesh, out=folder, size_px=(128, 176), focal_px=250.0, held=(RADIUS_M, 0.0, 0.0))
     return Cell(replace(request, **more))  # type: ignore[arg-type]
 
 

@@ -7,7 +7,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.options import Address, Aim, HandEye, Method, Output, SimulatedCell
+from flatcloth.commands.options import PORT, Address, Aim, HandEye, Method, Output, SimulatedCell
 from flatcloth.commands.output import ProgressBar, announce, loading, report, say
 from flatcloth.core.errors import FlatclothError
 from flatcloth.recordings.options import option
@@ -32,8 +32,9 @@ class Options(Output, HandEye, Method, Address, SimulatedCell, Aim):
         "session folder; the recording grows in DIR/recording; continued if it exists", "DIR", MISSING
     )
     listen: int | None = option(
-        "let a robot ask for angles and send views at this port, 0 for any free one (docs/robots.md)", "PORT"
-    )
+        "let a robot ask for angles and send views at this port, 0 for any free one (docs/robots.md)", "PORT",
+        read=PORT
+    )  # fmt: skip
     token_file: Path | None = option("as of flatcloth view", "FILE")
 
 

@@ -7,10 +7,10 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from flatcloth.commands.options import PORT, Method, Output, SourceInformation
 from flatcloth.commands.options import Engine as EngineOptions
-from flatcloth.commands.options import Method, Output, SourceInformation
 from flatcloth.commands.output import ProgressBar, announce, report, say
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Options(Output, SourceInformation, EngineOptions, Method):
         group=_LOOKING
     )  # fmt: skip
     review: bool = option("serve that page: verdicts are kept, a click opens the session", group=_LOOKING)
-    port: int = option("port of --review, 0 for any free one", default=8090, group=_LOOKING)
+    port: int = option("port of --review, 0 for any free one", default=8090, group=_LOOKING, read=PORT)
 
 
 def run(options: Options) -> None:
@@ -101,7 +101,9 @@ def _look(options: Options) -> None:
     if options.coco:
         from flatcloth.export.coco import write_coco
 
-        results, images = write_coco(sorted(path for path in out.iterdir() if path.is_dir()), options.coco)
+        with os_errors_as(FlatclothError, f"{out}: cannot be read", "Name the folder of a batch."):
+            folders = sorted(path for path in out.iterdir() if path.is_dir())
+        results, images = write_coco(folders, options.coco)
         line = f"Written to {options.coco}: {images} images of {results} results."
         report(options, {"folder": str(options.coco), "results": results, "images": images}, [line])
     if not (options.report or options.review):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flatcloth.commands.options import Output, Source
-from flatcloth.commands.output import ProgressBar, report
+from flatcloth.commands.output import ProgressBar, refuse_full, report
 from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.recordings.options import option
 
@@ -35,6 +35,8 @@ def run(options: Options) -> int:
     from flatcloth.checking.check import check_recording
     from flatcloth.recordings import open_recording
 
+    if options.pictures is not None:
+        refuse_full(options.pictures)
     recording = open_recording(options.source, options.source_options())
     with ProgressBar(recording.name) as bar:
         check = check_recording(recording, progress=bar.show)
@@ -55,8 +57,6 @@ def _write_pictures(recording: Recording, check: Check, folder: Path) -> list[st
     made = []
     with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
         folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise RecordingError(f"{folder}: not empty. Choose a new or an empty folder.")
         for finding in check.findings:
             picture = evidence(recording, finding)
             if picture is not None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import MISSING, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.options import HandEye, Output, SourceInformation, number
+from flatcloth.commands.options import ANGLE, HandEye, Output, SourceInformation
 from flatcloth.commands.output import ProgressBar, report
 from flatcloth.core.errors import FlatclothError, GarmentError, os_errors_as
 from flatcloth.core.plain_files import check_replacing
@@ -66,7 +65,7 @@ class Options(Output, SourceInformation, HandEye):
     rotation: float | None = option(
         "rotation of the item for --grasps in camera and robot frame (default: that of the last view)",
         "DEG",
-        read=number(math.isfinite, "is not an angle; give degrees"),
+        read=ANGLE,
     )
     recording: Path | None = option("present location of the recording, if it was moved", "SOURCE")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from flatcloth.commands.options import Output, Source
-from flatcloth.commands.output import ProgressBar, report
+from flatcloth.commands.output import ProgressBar, refuse_full, report
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.options import option
 
@@ -37,6 +37,7 @@ def run(options: Options) -> None:
     from flatcloth.recordings import open_recording
     from flatcloth.recordings.writer import copy_recording
 
+    refuse_full(options.out)
     with ProgressBar(Path(options.source).name) as bar:
         recording = _opened(options, bar)
         count = copy_recording(recording, options.out, options.name, bar.show)

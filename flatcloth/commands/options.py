@@ -189,6 +189,8 @@ class Source(SourceInformation):
 
 
 JOBS = whole(1, 1024, "is not a number of recordings; give 1 to 1024")
+PORT = whole(0, 65535, "is not a port; give a number from 0 to 65535")
+ANGLE = number(math.isfinite, "is not an angle; give degrees")
 _POSITIVE = number(lambda value: 0 < value < 1e6, "is not a positive number")
 
 
@@ -295,22 +297,22 @@ class SimulatedCell:
     )
     sway: float | None = option("standard deviation of the sway of the lowest point", "MM", group=_CELL)
     panel: str | None = option("side of interest: front, back, 1 or 2 (default: seen most)", group=_CELL)
-    start: float | None = option("how the item is turned at 0 degrees", "DEG", group=_CELL)
+    start: float | None = option("how the item is turned at 0 degrees", "DEG", group=_CELL, read=ANGLE)
     seed: int | None = option("seed of the noise and the sway (default: 0)", group=_CELL)
     no_masks: bool = option("find the side of interest from the views, as of a camera", group=_CELL)
 
     def simulated(self, out: Path | None) -> Cell:
         """Return the simulated cell."""
         from flatcloth.core.resources import sample_mesh
-        from flatcloth.synthesis.hanging import PoseErrors
-        from flatcloth.synthesis.recording import Cell, Request
+        from flatcloth.synthesis.recording import Cell
+        from flatcloth.synthesis.request import Request
 
         request = Request(
             mesh=Path(self.cell) if self.cell else sample_mesh(),
             out=out or Path(),
             panel=self.panel or "1",
             noise=self.sensor or "d435",
-            loose=PoseErrors(swing_m=(self.sway or 0.0) / 1e3),
+            sway_mm=self.sway or 0.0,
             seed=self.seed or 0,
             texture="floral",
         )

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from flatcloth.commands.options import Output
-from flatcloth.core.errors import FlatclothError, os_errors_as
+from flatcloth.core.errors import FlatclothError, RecordingError, os_errors_as
 
 if TYPE_CHECKING:
     from flatcloth.recordings import SourceOptions
@@ -46,6 +46,14 @@ def report(options: Output, document: Any, lines: Iterable[str]) -> None:
         print(json.dumps(document, indent=1), flush=True)
     for line in lines:
         say(line)
+
+
+def refuse_full(folder: Path) -> None:
+    """Raise RecordingError unless a folder is new or empty; before the work whose files go there."""
+    with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
+        if folder.exists() and any(folder.iterdir()):
+            what = "contains a recording" if (folder / "recording.json").exists() else "not empty"
+            raise RecordingError(f"{folder}: {what}. Choose a new or an empty folder.")
 
 
 def announce(options: Output, words: str, url: str, token: str | None, **more: str | None) -> None:

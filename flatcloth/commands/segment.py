@@ -6,7 +6,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 
 from flatcloth.commands.options import Output, Source, Strokes
-from flatcloth.commands.output import ProgressBar, report
+from flatcloth.commands.output import ProgressBar, refuse_full, report
 from flatcloth.recordings.options import option
 
 SUMMARY = "find the side of interest of a recording without masks, and write masks"
@@ -30,6 +30,7 @@ def run(options: Options) -> None:
     from flatcloth.recordings import open_recording
     from flatcloth.recordings.writer import copy_recording, write_masks
 
+    refuse_full(options.out)
     decisions = options.decisions()
     recording = open_recording(options.source, options.source_options())
     integration = integration_of(recording)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flatcloth.commands.options import (
+    PORT,
     SOURCES,
     Address,
     Aim,
@@ -22,7 +23,6 @@ from flatcloth.commands.options import (
     SimulatedCell,
     SourceInformation,
     excluded,
-    whole,
 )
 from flatcloth.commands.output import announce, say
 from flatcloth.core.errors import FlatclothError
@@ -50,11 +50,7 @@ class Options(Output, SimulatedCell, Aim, Capture, Address, HandEye, Method, Sou
     source: str | None = option(
         f"{SOURCES} (default: the start screen, where one is chosen)", "SOURCE", positional=True
     )
-    port: int = option(
-        "port of the page, 0 for any free one",
-        default=8080,
-        read=whole(0, 65535, "is not a port; give a number from 0 to 65535"),
-    )
+    port: int = option("port of the page, 0 for any free one", default=8080, read=PORT)
     token_file: Path | None = option(
         "file with the token of the page, made with a new one if it does not exist (default: the variable "
         "FLATCLOTH_TOKEN, or the user's own token)",

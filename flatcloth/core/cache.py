@@ -54,17 +54,13 @@ class Cache(Generic[T]):
     most : int
         How many are kept.
     most_bytes : int, optional
-        How much memory they may keep alive together; the last one is kept whatever its size.
-    size : callable
-        Returns the memory that a value adds, in bytes. The default counts what values share once for each.
+        How much memory they may keep alive together, what they share counted for each; the last one is kept
+        whatever its size.
     """
 
-    def __init__(
-        self, most: int, most_bytes: int | None = None, size: Callable[[T], int] = size_in_bytes
-    ) -> None:
+    def __init__(self, most: int, most_bytes: int | None = None) -> None:
         self._most = most
         self._most_bytes = most_bytes
-        self._size = size
         self._lock = threading.Lock()
         self._values: OrderedDict[Hashable, tuple[T, int]] = OrderedDict()
         self._making: dict[Hashable, Future[T]] = {}
@@ -97,7 +93,7 @@ class Cache(Generic[T]):
 
     def put(self, key: Hashable, value: T) -> T:
         """Keep a value and return it; if another thread was first, keep and return that thread's."""
-        size = self._size(value) if self._most_bytes is not None else 0
+        size = size_in_bytes(value) if self._most_bytes is not None else 0
         with self._lock:
             if key in self._values:
                 self._values.move_to_end(key)

@@ -16,7 +16,7 @@ from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Decision, ImageStroke, why_off_image
 from flatcloth.core.types import Progress, RgbdFrame, no_progress
 from flatcloth.engine.views import RecordedViews
-from flatcloth.recordings.base import Recording, ViewImages, altered, images_of
+from flatcloth.recordings.base import Recording, ViewImages, altered
 from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.observed import Evidence, gather_evidence
 from flatcloth.segmentation.result import Segmentation
@@ -40,8 +40,8 @@ def masked(recording: Recording, segmentation: Segmentation) -> Recording:
     cut = (f"Cut off as no part of the item: {', '.join(kinds)}.",) if kinds else ()
 
     def read(view_index: int) -> ViewImages:
-        images, mask = images_of(recording[view_index]), segmentation.mask(view_index)
-        return images._replace(mask=np.zeros(images.depth_m.shape, np.bool_) if mask is None else mask)
+        frame, mask = recording[view_index], segmentation.mask(view_index)
+        return ViewImages(frame.color, frame.depth_m, frame.depth_m < 0.0 if mask is None else mask)
 
     own = tuple(getattr(recording, "notes", ()))
     return altered(recording, read=read, notes=(*own, segmentation.text, *cut, *segmentation.conflicts))

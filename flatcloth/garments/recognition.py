@@ -33,7 +33,7 @@ NONE = "none of these"
 MISFIT, MISFIT_STD = 0.135, 0.016
 """Misfit (:func:`misfit_of`) at which a garment is as likely an unknown one, and the width of the transition.
 The first is of the first run of ``python -m benchmarks garments``, whose limits are lower now
-(docs/results.md); no benchmark measures the width."""
+(docs/tried.md); no benchmark measures the width."""
 HOLE_M = 0.03
 """Length of true edges round holes that makes an unknown garment e times as likely: no kind has an opening
 inside its outline. Chosen; in no recording of the development is an inner border a true edge all round

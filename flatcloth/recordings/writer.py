@@ -24,7 +24,7 @@ from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Bool, Float32, Intrinsics, Progress, RotationAxis, Uint8, no_progress
 from flatcloth.recordings.base import Recording, check_distinct
-from flatcloth.recordings.folder import HEADER, HEADER_FORMAT, RecordingHeader, open_folder
+from flatcloth.recordings.folder import HEADER, HEADER_FORMAT, OTHER_SIDE, RecordingHeader, open_folder
 
 Uint16 = NDArray[np.uint16]
 
@@ -355,7 +355,10 @@ def copy_recording(
         for n in range(len(recording)):
             progress(n / len(recording), f"writing view {n}")
             frame = recording[n] if n else first
-            writer.add(frame.angle_deg, frame.color, depth_units(frame.depth_m), frame.mask)
+            mask: Bool | Uint8 | None = frame.mask
+            if mask is not None and frame.other_mask is not None:  # it names both sides
+                mask = np.where(mask, 255, np.where(frame.other_mask, OTHER_SIDE, 0)).astype(np.uint8)
+            writer.add(frame.angle_deg, frame.color, depth_units(frame.depth_m), mask)
         return len(writer)
 
 

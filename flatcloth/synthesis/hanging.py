@@ -11,8 +11,8 @@ from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3, camera_from_object, rotation_about
 from flatcloth.core.types import Float64, Intrinsics, RotationAxis
 from flatcloth.recordings.base import apart_deg
+from flatcloth.synthesis.request import Request
 
-UPWARD = ("x", "y", "z", "-x", "-y", "-z")
 _EXTENT_M = (0.05, 4.0)
 """Sizes of garments, from a sock to a bedsheet. Chosen; others are meshes in another unit."""
 
@@ -24,21 +24,6 @@ class Hung:
     points_m: Float64
     held_point_m: Float64
     axis: RotationAxis
-
-
-@dataclass(frozen=True, kw_only=True)
-class PoseErrors:
-    """Errors of the recorded turning, as standard deviations.
-
-    ``angle_deg`` of each recorded angle; ``axis_m`` of the recorded axis, sideways and in depth;
-    ``swing_m`` of the lowest point of the item, which swings from view to view; ``twist_deg`` by which the
-    lowest point lags behind the turn, less above it.
-    """
-
-    angle_deg: float = 0.0
-    axis_m: float = 0.0
-    swing_m: float = 0.0
-    twist_deg: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +52,7 @@ def hang(
     vertices : (N, 3)
         In the file's frame and unit.
     up : str
-        The file's upward axis, one of ``UPWARD``.
+        The file's upward axis, as ``Request.up``.
     scale : float
         Metres per unit of the file.
     held : three numbers, int or None
@@ -110,17 +95,15 @@ def hang(
     )
 
 
-def turn(
-    hung: Hung, angles_deg: tuple[float, ...], loose: PoseErrors, random: np.random.Generator
-) -> Turning:
+def turn(hung: Hung, request: Request, random: np.random.Generator) -> Turning:
     """Return the true pose of each view, and the recorded angles and axis."""
     poses, recorded = [], []
-    for n, angle in enumerate(angles_deg):
-        sway, error_deg = astray(hung, loose, random) if n > 0 else (Rigid3(np.eye(3), np.zeros(3)), 0.0)
+    for n, angle in enumerate(request.angles_deg):
+        sway, error_deg = astray(hung, request, random) if n > 0 else (Rigid3(np.eye(3), np.zeros(3)), 0.0)
         poses.append(sway @ camera_from_object(hung.axis, angle))
         recorded.append(round(angle + error_deg, 2))
-    off = np.array([*random.normal(0, loose.axis_m, 2), 0.0])[[0, 2, 1]]
-    twists = [0.0, *random.normal(0, loose.twist_deg, len(angles_deg) - 1)]
+    off = np.array([*random.normal(0, request.axis_error_mm / 1e3, 2), 0.0])[[0, 2, 1]]
+    twists = [0.0, *random.normal(0, request.twist_deg, len(poses) - 1)]
     return Turning(
         camera_from_view0=tuple(poses),
         twist_deg=tuple(twists),
@@ -131,12 +114,14 @@ def turn(
     )
 
 
-def astray(hung: Hung, loose: PoseErrors, random: np.random.Generator) -> tuple[Rigid3, float]:
+def astray(hung: Hung, request: Request, random: np.random.Generator) -> tuple[Rigid3, float]:
     """Return how an item swings about its held point in one view, and the error of its angle, degrees."""
     length = float((hung.points_m - hung.held_point_m)[:, 1].max())
-    sideways, deep = random.normal(0, loose.swing_m / length, 2)
+    sideways, deep = random.normal(0, request.sway_mm / 1e3 / length, 2)
     swing = rotation_about(np.array([0, 0, 1.0]), sideways) @ rotation_about(np.array([1.0, 0, 0]), deep)
-    return Rigid3(swing, hung.held_point_m - swing @ hung.held_point_m), random.normal(0, loose.angle_deg)
+    return Rigid3(swing, hung.held_point_m - swing @ hung.held_point_m), random.normal(
+        0, request.angle_error_deg
+    )
 
 
 def twisted(hung: Hung, twist_deg: float) -> Float64:
@@ -164,8 +149,6 @@ def share_in_image(hung: Hung, camera: Intrinsics) -> float:
 
 def _camera_axes(up: str) -> Float64:
     """Return the rotation (3, 3) camera-from-file: y points down, against the file's upward axis."""
-    if up not in UPWARD:
-        raise SynthesisError(f"--up {up}: not an axis. Choose one of {', '.join(UPWARD)}.")
     place = "xyz".index(up[-1])
     right, down = np.eye(3)[place - 1], np.eye(3)[place] * (1.0 if up[0] == "-" else -1.0)
     return np.stack([right, down, np.cross(right, down)])
@@ -184,7 +167,7 @@ def _held_point(
         return np.asarray(points[held])
     point: Float64 = camera_from_file @ np.asarray(held, dtype=np.float64)
     nearest = float(np.linalg.norm(points - point, axis=1).min())
-    if nearest > 0.1:
+    if not nearest <= 0.1:  # also if it is no number
         raise SynthesisError(
             f"--held: the mesh is {1e3 * nearest:.0f} mm away from that point. "
             "Give it in the file's frame and unit."

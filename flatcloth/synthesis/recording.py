@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,24 +13,23 @@ from flatcloth.core.types import Bool, Float64, Intrinsics, Progress, Uint8, no_
 from flatcloth.recordings.writer import RecordingWriter, Uint16
 from flatcloth.registration.axis import THREADS
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel
-from flatcloth.synthesis.hanging import Hung, PoseErrors, astray, hang, share_in_image, turn, twisted
+from flatcloth.synthesis.hanging import Hung, astray, hang, share_in_image, turn, twisted
 from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh, suffix_of
 from flatcloth.synthesis.panels import split_panels
 from flatcloth.synthesis.rendering import MESH_COLORS, Scene, vertex_normals
+from flatcloth.synthesis.request import Request
 from flatcloth.synthesis.sensor import (
     COLOR_ABOVE_M,
-    DepthSensor,
-    Exposure,
+    UNIT_M,
     aligned_color,
+    exposed,
     measure_color,
     measure_depth,
     measure_stereo,
     projector,
 )
-from flatcloth.synthesis.textures import PATTERNS, Texture
+from flatcloth.synthesis.textures import PATTERNS
 
-CAMERA = Intrinsics(width=480, height=848, fx=425.0, fy=425.0, cx=239.5, cy=423.5)
-"""The depth camera of a D435 at 848 x 480 px, upright, 59 by 90 degrees (datasheet: 58 by 87)."""
 NOISES = {
     "none": "no sensor noise",
     "d435": "D435-like sensor noise",
@@ -46,39 +44,6 @@ _BESIDE_M, _NEAREST_M = 0.05, 0.25
 nearer than this. Chosen: an item that sways stays within it; a D435 measures from 0.2 to 0.3 m on."""
 _FOLDED_SHARE = 0.005
 """Share of mirrored triangles from which a panel's truth is reported as unreliable. Chosen."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Request:
-    """The options of a synthesis; see the command ``synthesize``.
-
-    ``up`` None: y for glTF, z for other files. ``held``: a point in the file's frame and unit, a
-    vertex, or None for the highest vertex. ``panel``: the side of interest, by name or number from 1.
-    ``texture`` None: the mesh's own colors if it has any, otherwise a checker.
-    """
-
-    mesh: Path
-    out: Path
-    name: str | None = None
-    up: str | None = None
-    scale: float = 1.0
-    held: tuple[float, float, float] | int | None = None
-    balanced: bool = False
-    inside_out: bool = False
-    panel: str = "1"
-    texture: Texture | None = None
-    camera: Intrinsics = CAMERA
-    distance_m: float = 0.85
-    step_deg: float = 10.0
-    noise: str = "none"
-    loose: PoseErrors = field(default_factory=PoseErrors)
-    exposure: Exposure = field(default_factory=Exposure)
-    seed: int = 0
-
-    @property
-    def angles_deg(self) -> tuple[float, ...]:
-        """The angles of a full turn, which are recorded with errors."""
-        return tuple(float(a) for a in np.arange(0, 360 - 1e-6, self.step_deg))
 
 
 def camera_of(
@@ -117,14 +82,13 @@ def synthesize(request: Request, progress: Progress = no_progress) -> HungItem:
     It takes about 0.5 s per view of 480x848 px with noise, two thirds for noise and PNG files.
     """
     item = HungItem(request, progress)
-    turning = turn(item.hung, request.angles_deg, request.loose, np.random.default_rng([request.seed, 1]))
+    turning = turn(item.hung, request, np.random.default_rng([request.seed, 1]))
     recorded_deg, count = turning.recorded_angles_deg, len(request.angles_deg)
-    loose = request.loose
     described = [
         f"synthetic, from the mesh {request.mesh.name}, {NOISES[request.noise]}",
-        "angles and axis recorded with errors" if loose.angle_deg or loose.axis_m else "",
-        "it sways from view to view" if loose.swing_m or loose.twist_deg else "",
-        "exposure and white balance waver" if request.exposure.share else "",
+        "angles and axis recorded with errors" if request.angle_error_deg or request.axis_error_mm else "",
+        "it sways from view to view" if request.sway_mm or request.twist_deg else "",
+        "exposure and white balance waver" if request.exposure_percent else "",
     ]
 
     def seen(n: int) -> CellView:
@@ -136,13 +100,13 @@ def synthesize(request: Request, progress: Progress = no_progress) -> HungItem:
             request.out,
             name=request.name or request.out.resolve().name,
             description=", ".join(filter(None, described)),
-            intrinsics=request.camera,
-            depth_scale_m=item.depth_unit_m,
+            intrinsics=item.intrinsics,
+            depth_scale_m=item.depth_scale_m,
             rotation_axis=turning.recorded_axis,
             held_point_m=np.round(item.hung.held_point_m, 4),
             truth_header={
                 "garment": request.mesh.name.partition(".")[0],
-                "held_at": "highest point" if request.held is None else "chosen point",
+                "held_at": "highest point" if item.held is None else "chosen point",
                 "panel_of_interest": item.panel_of_interest,
             },
         ) as writer,
@@ -181,7 +145,9 @@ class HungItem:
 
     def __init__(self, request: Request, progress: Progress = no_progress) -> None:
         _check(request)
-        self.request, self._sensor = request, DepthSensor()
+        self.request = request
+        self.intrinsics = camera_of(request.size_px, request.focal_px, request.center_px)
+        self.held = request.held or request.held_vertex
         mesh = read_mesh(request.mesh, with_images=request.texture in (None, MESH_COLORS))
         if request.inside_out:
             mesh = inside_out(mesh)
@@ -191,9 +157,9 @@ class HungItem:
                 mesh.vertices,
                 up=up,
                 scale=request.scale,
-                held=request.held,
+                held=self.held,
                 distance_m=request.distance_m,
-                balanced=request.balanced,
+                balanced=request.balance,
             )
             progress(0.0, "flattening the truth")
             self.panels = _flat_panels(mesh, self.hung)
@@ -207,11 +173,11 @@ class HungItem:
             )
         self.panel_of_interest = _panel_number(request.panel, self.panels)
         self.warnings = [f"{note}: its colors may be others." for note in mesh.notes]
-        self.warnings += _warnings(self.hung, self.panels, request.camera)
+        self.warnings += _warnings(self.hung, self.panels, self.intrinsics)
         self.normals = vertex_normals(self.hung.points_m, mesh.triangles)  # as it hangs, not swaying
         self.scene = Scene(mesh, self.panels, texture, request.seed)
-        self.depth_unit_m = _CLEAN_UNIT_M if request.noise == "none" else self._sensor.unit_m
-        self._dots = projector(self._sensor.baseline_m, request.seed)
+        self.depth_scale_m = _CLEAN_UNIT_M if request.noise == "none" else UNIT_M
+        self._dots = projector(request.seed)
         offset_m = self.hung.points_m - self.hung.held_point_m
         reach_m = float(np.hypot(offset_m[:, 0], offset_m[:, 2]).max()) + _BESIDE_M
         self._range_m = (max(request.distance_m - reach_m, _NEAREST_M), request.distance_m + reach_m)
@@ -224,7 +190,7 @@ class HungItem:
         SynthesisError
             If the item is not in the image.
         """
-        camera, sensor, noise = self.request.camera, self._sensor, self.request.noise
+        camera, noise = self.intrinsics, self.request.noise
         points_m, normals = pose.apply_with_normal(points_m, self.normals)
         view = self.scene.view(camera, points_m, normals)
         if not view.depth_m.any():
@@ -233,14 +199,13 @@ class HungItem:
             )
         depth_m, rgb = view.depth_m, view.rgb
         if noise == "d435":
-            depth_m = measure_depth(depth_m, camera.fx, random, sensor)
+            depth_m = measure_depth(depth_m, camera.fx, random)
         elif noise == "stereo":
-            depth_m = measure_stereo(
-                self.scene, camera, points_m, normals, self._dots, self._range_m, random, sensor
-            )
+            depth_m = measure_stereo(self.scene, camera, points_m, normals, self._dots, self._range_m, random)
             rgb = self.scene.view(camera, points_m + np.array([0.0, COLOR_ABOVE_M, 0.0]), normals).rgb
-        rgb = self.request.exposure.apply(rgb if noise == "none" else measure_color(rgb, random), random)
-        units = np.rint(depth_m / self.depth_unit_m).astype(np.uint16)
+        rgb = rgb if noise == "none" else measure_color(rgb, random)
+        rgb = exposed(rgb, self.request.exposure_percent / 100, random)
+        units = np.rint(depth_m / self.depth_scale_m).astype(np.uint16)
         return CellView(
             color=aligned_color(rgb, depth_m, camera) if noise == "stereo" else rgb,
             depth_units=units,
@@ -254,16 +219,14 @@ def _check(request: Request) -> None:
         (request.distance_m, "--distance", 0.2, 5.0),
         (request.step_deg, "--step", 1.0, 90.0),
         (request.scale, "--scale", 1e-6, 1e6),
-        (request.loose.angle_deg, "--angle-error", 0.0, 10.0),
-        (request.loose.axis_m * 1e3, "--axis-error", 0.0, 100.0),
-        (request.loose.swing_m * 1e3, "--sway", 0.0, 100.0),
-        (request.loose.twist_deg, "--twist", 0.0, 10.0),
-        (request.exposure.share * 100, "--exposure", 0.0, 50.0),
+        (request.angle_error_deg, "--angle-error", 0.0, 10.0),
+        (request.axis_error_mm, "--axis-error", 0.0, 100.0),
+        (request.sway_mm, "--sway", 0.0, 100.0),
+        (request.twist_deg, "--twist", 0.0, 10.0),
+        (request.exposure_percent, "--exposure", 0.0, 50.0),
     ):
         if not low <= value <= high:
             raise SynthesisError(f"{name} {value:g}: choose a number from {low:g} to {high:g}.")
-    if request.noise not in NOISES:
-        raise SynthesisError(f"--sensor {request.noise}: unknown. Choose {' or '.join(NOISES)}.")
     if isinstance(request.texture, str) and request.texture not in (MESH_COLORS, *PATTERNS):
         raise SynthesisError(
             f"--texture {request.texture}: unknown. Choose {', '.join((*PATTERNS, MESH_COLORS))}."
@@ -323,9 +286,8 @@ class Cell(HungItem):
     Parameters
     ----------
     request : Request
-        The mesh, its panel of interest, the camera and the noise. ``loose.swing_m`` sways the item at
-        random for each view, ``loose.angle_deg`` is the error of the turntable; ``out`` and ``step_deg`` are
-        not used.
+        The mesh, its panel of interest, the camera and the noise. ``sway_mm`` sways the item at random for
+        each view, ``angle_error_deg`` is that of the turntable; ``out`` and ``step_deg`` are not used.
     start_deg : float
         How the item is turned when the cell stands at 0 degrees.
     most_seen : bool
@@ -345,9 +307,8 @@ class Cell(HungItem):
 
     def __init__(self, request: Request, start_deg: float = 0.0, *, most_seen: bool = False) -> None:
         super().__init__(request)
-        self._start_deg, self.depth_scale_m, hung = start_deg, self.depth_unit_m, self.hung
+        self._start_deg, hung = start_deg, self.hung
         self.name = f"cell with {request.mesh.name.partition('.')[0]}"
-        self.intrinsics: Intrinsics = request.camera
         self.axis, self.held_point_m, self.points_m = hung.axis, hung.held_point_m, hung.points_m
         if most_seen:
             pixels = np.zeros(2)
@@ -355,7 +316,7 @@ class Cell(HungItem):
                 placed = camera_from_object(self.axis, angle_deg).apply_with_normal(
                     hung.points_m, self.normals
                 )
-                view = self.scene.view(request.camera, *placed)
+                view = self.scene.view(self.intrinsics, *placed)
                 pixels += [(view.outer & (view.panel == panel)).sum() for panel in (1, 2)]
             self.panel_of_interest = int(pixels.argmax()) + 1
 
@@ -375,6 +336,6 @@ class Cell(HungItem):
             If the item is not in the image.
         """
         seed, hung = self.request.seed, self.hung
-        sway, error_deg = astray(hung, self.request.loose, np.random.default_rng([seed, 1, number]))
+        sway, error_deg = astray(hung, self.request, np.random.default_rng([seed, 1, number]))
         pose = sway @ camera_from_object(self.axis, self._start_deg + angle_deg + error_deg)
         return self.seen(pose, hung.points_m, np.random.default_rng([seed, 2, number]))

@@ -12,7 +12,7 @@ hardware; of its filters only the left-right check and the removal of specks are
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -25,37 +25,22 @@ from flatcloth.synthesis.rendering import Projector, Scene
 _MARGIN_PX = 12
 """Around the item, for effects beyond it. Chosen."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class DepthSensor:
-    """Parameters of the noise; the defaults are those of a D435 at 480x848 px, focal length 425 px.
-
-    ``disparity_noise_px``: standard deviation, of whose variance the share ``grain_share`` is
-    uncorrelated; ``correlation_px``: sigma of the Gaussian that correlates the rest; ``jitter_px``:
-    standard deviation of the matched position; ``fatten_px``: width by which near surfaces extend
-    over far ones; ``outline_px``: mean and deviation of the outward shift of the outline;
-    ``ramp_px``: sigma of the smoothing across edges, and ``join_m`` the largest depth step that is
-    smoothed; ``unsure_m``: smallest depth step next to which pixels may be lost; ``hole_share``: share
-    of pixels lost at random; ``unit_m``: unit of the depth images.
-    """
-
-    baseline_m: float = 0.050
-    disparity_noise_px: float = 0.057
-    grain_share: float = 0.06
-    correlation_px: float = 1.65
-    jitter_px: float = 0.60
-    fatten_px: float = 1.2
-    outline_px: tuple[float, float] = (0.95, 1.0)
-    ramp_px: float = 2.0
-    join_m: float = 0.06
-    unsure_m: float = 0.065
-    hole_share: float = 0.003
-    unit_m: float = 0.001
+BASELINE_M, UNIT_M = 0.050, 0.001
+"""Distance of the imagers and unit of depth of a D435. What follows is its noise at 480x848 px with a focal
+length of 425 px, measured on one of its frames (docs/synthesis.md): ..."""
+_NOISE_PX, _GRAIN_SHARE, _CORRELATION_PX = 0.057, 0.06, 1.65
+"""... the deviation of disparity, the share of its variance that is uncorrelated, and the sigma of the
+Gaussian that correlates the rest; ..."""
+_JITTER_PX, _FATTEN_PX, _OUTLINE_PX = 0.60, 1.2, (0.95, 1.0)
+"""... the deviation of the matched position, the width by which near surfaces extend over far ones, mean and
+deviation of the outward shift of the outline; ..."""
+_RAMP_PX, _JOIN_M = 2.0, 0.06
+"""... the sigma of the smoothing across edges, and the largest depth step that is smoothed; ..."""
+_UNSURE_M, _HOLE_SHARE = 0.065, 0.003
+"""... the least depth step next to which pixels may be lost, and the share of pixels lost at random."""
 
 
-def measure_depth(
-    depth_m: Float32, focal_px: float, random: np.random.Generator, sensor: DepthSensor
-) -> Float32:
+def measure_depth(depth_m: Float32, focal_px: float, random: np.random.Generator) -> Float32:
     """Simulate the sensor's depth image.
 
     Parameters
@@ -66,26 +51,24 @@ def measure_depth(
         Focal length.
     random : Generator
         Source of the noise.
-    sensor : DepthSensor
-        Parameters of the noise.
 
     Returns
     -------
     (H, W) float32
         Metres, 0 where nothing was measured; not yet rounded to depth units.
     """
-    scale = focal_px * sensor.baseline_m
+    scale = focal_px * BASELINE_M
     measured = np.zeros_like(depth_m)
     window = window_of(depth_m > 0, _MARGIN_PX)
     if window is None:
         return measured
     inside = depth_m[window]
     true = np.where(inside > 0, scale / np.where(inside > 0, inside, 1), 0).astype(np.float32)
-    moved = _jittered(true, random, sensor)
-    wide = _fattened(moved, scale, random, sensor)
-    ramped = _ramped(wide, scale, sensor)
-    noise = _noise(true.shape, random, sensor)
-    lost = _lost(wide, scale, random, sensor)
+    moved = _jittered(true, random)
+    wide = _fattened(moved, scale, random)
+    ramped = _ramped(wide, scale)
+    noise = _noise(true.shape, random)
+    lost = _lost(wide, scale, random)
     seen = (ramped > 0) & ~lost
     disparity = np.where(seen, np.maximum(ramped + noise, 1e-3), 1)
     measured[window] = np.where(seen, scale / disparity, 0)
@@ -108,9 +91,9 @@ def _smooth_field(shape: tuple[int, ...], random: np.random.Generator, sigma_px:
     return field
 
 
-def _jittered(disparity: Float32, random: np.random.Generator, sensor: DepthSensor) -> Float32:
+def _jittered(disparity: Float32, random: np.random.Generator) -> Float32:
     rows, cols = np.indices(disparity.shape, dtype=np.float32)
-    wander = [sensor.jitter_px * _smooth_field(disparity.shape, random, 2.0) for _ in range(2)]
+    wander = [_JITTER_PX * _smooth_field(disparity.shape, random, 2.0) for _ in range(2)]
     # Linear within a surface, nearest across an edge: jitter moves an edge without blurring it.
     at = cols + wander[0], rows + wander[1]
     nearest = cv2.remap(disparity, *at, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
@@ -119,12 +102,12 @@ def _jittered(disparity: Float32, random: np.random.Generator, sensor: DepthSens
     return moved
 
 
-def _fattened(disparity: Float32, scale: float, random: np.random.Generator, sensor: DepthSensor) -> Float32:
+def _fattened(disparity: Float32, scale: float, random: np.random.Generator) -> Float32:
     # A matching window follows the nearest surface in it: slopes appear nearer by about a pixel ...
     wide = cv2.dilate(disparity, np.ones((3, 3), np.uint8)).astype(np.float32)
     # ... and a near layer extends over a far one, by a varying width (edge fattening).
     depth = scale / np.maximum(disparity, 1e-6)
-    width = sensor.fatten_px + 0.6 * _smooth_field(disparity.shape, random, 2.0)
+    width = _FATTEN_PX + 0.6 * _smooth_field(disparity.shape, random, 2.0)
     for half_px in (1, 2, 3):
         size = 2 * half_px + 1
         near = cv2.dilate(disparity, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
@@ -133,16 +116,16 @@ def _fattened(disparity: Float32, scale: float, random: np.random.Generator, sen
     # The measured outline varies about the true one, and is wider by about a pixel.
     seen = disparity > 0
     outside = ndimage.distance_transform_edt(~seen) - ndimage.distance_transform_edt(seen)
-    outline = sensor.outline_px[0] + sensor.outline_px[1] * _smooth_field(disparity.shape, random, 1.4)
+    outline = _OUTLINE_PX[0] + _OUTLINE_PX[1] * _smooth_field(disparity.shape, random, 1.4)
     beyond = outside - 0.5 * np.sign(outside) > outline
     near = cv2.dilate(disparity, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)))
     widened: Float32 = np.where(beyond, 0, np.where(seen, wide, near)).astype(np.float32)
     return widened
 
 
-def _ramped(disparity: Float32, scale: float, sensor: DepthSensor) -> Float32:
-    """Smooth across depth steps up to ``join_m``, but not across larger ones or the outline."""
-    radius = int(np.ceil(2.5 * sensor.ramp_px))
+def _ramped(disparity: Float32, scale: float) -> Float32:
+    """Smooth across depth steps up to ``_JOIN_M``, but not across larger ones or the outline."""
+    radius = int(np.ceil(2.5 * _RAMP_PX))
     depth = np.where(disparity > 0, scale / np.maximum(disparity, 1e-6), 0).astype(np.float32)
     total, weight = np.zeros_like(disparity), np.zeros_like(disparity)
     padded_d = np.pad(disparity, radius)
@@ -150,41 +133,40 @@ def _ramped(disparity: Float32, scale: float, sensor: DepthSensor) -> Float32:
     rows, cols = disparity.shape
     for i in range(-radius, radius + 1):
         for j in range(-radius, radius + 1):
-            w = float(np.exp(-(i * i + j * j) / (2 * sensor.ramp_px**2)))
+            w = float(np.exp(-(i * i + j * j) / (2 * _RAMP_PX**2)))
             if w < 0.04:
                 continue
             part = np.s_[radius + i : radius + i + rows, radius + j : radius + j + cols]
             other, z = padded_d[part], padded_z[part]
-            joined = np.where(other > 0, w * np.exp(-0.5 * ((z - depth) / sensor.join_m) ** 2), 0)
+            joined = np.where(other > 0, w * np.exp(-0.5 * ((z - depth) / _JOIN_M) ** 2), 0)
             total += joined * other
             weight += joined
     smooth: Float32 = np.where(disparity > 0, total / np.maximum(weight, 1e-6), 0).astype(np.float32)
     return smooth
 
 
-def _noise(shape: tuple[int, ...], random: np.random.Generator, sensor: DepthSensor) -> Float64:
-    smooth = _smooth_field(shape, random, sensor.correlation_px)
+def _noise(shape: tuple[int, ...], random: np.random.Generator) -> Float64:
+    smooth = _smooth_field(shape, random, _CORRELATION_PX)
     grain = random.normal(size=shape)
-    share = sensor.grain_share
-    noise: Float64 = sensor.disparity_noise_px * (np.sqrt(1 - share) * smooth + np.sqrt(share) * grain)
+    noise: Float64 = _NOISE_PX * (np.sqrt(1 - _GRAIN_SHARE) * smooth + np.sqrt(_GRAIN_SHARE) * grain)
     return noise
 
 
-def _lost(disparity: Float32, scale: float, random: np.random.Generator, sensor: DepthSensor) -> Bool:
+def _lost(disparity: Float32, scale: float, random: np.random.Generator) -> Bool:
     """Pixels without depth: between distant layers, along the outline, and a few at random."""
     depth = np.where(disparity > 0, scale / np.maximum(disparity, 1e-6), 0).astype(np.float32)
     # Only one of the two cameras sees a far pixel next to a near layer.
     far = cv2.dilate(depth, np.ones((3, 3), np.uint8))
     near = cv2.erode(np.where(depth > 0, depth, 99).astype(np.float32), np.ones((5, 5), np.uint8))
     step = np.where(depth > 0, np.maximum(depth - near, 0.75 * (far - depth)), 0)
-    doubt = np.clip((step - sensor.unsure_m) / sensor.unsure_m, 0, 1.5)
+    doubt = np.clip((step - _UNSURE_M) / _UNSURE_M, 0, 1.5)
     field = _smooth_field(disparity.shape, random, 1.5)
     lost: Bool = (doubt > 0) & (ndimage.gaussian_filter(doubt, 0.5) * 1.6 + 0.7 * field > 1.0)
     holes = _smooth_field(disparity.shape, random, 2.8)
     # The outermost pixel of the outline is measured only sometimes.
     rim = (disparity > 0) & (cv2.erode((disparity > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
     lost |= rim & (_smooth_field(disparity.shape, random, 1.2) > 1.2)
-    lost |= holes > np.quantile(holes, 1 - sensor.hole_share)
+    lost |= holes > np.quantile(holes, 1 - _HOLE_SHARE)
     return lost
 
 
@@ -212,20 +194,14 @@ _SPECK_PX = 50
 """Largest area of a speck that is removed. Chosen."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Exposure:
-    """Gains of the color image: ``share`` is the standard deviation, a quarter of it between channels."""
-
-    share: float = 0.0
-
-    def apply(self, rgb: Uint8, random: np.random.Generator) -> Uint8:
-        """Return the image (H, W, 3) with the gains of one view."""
-        gains = 1.0 + random.normal(0, self.share) + random.normal(0, self.share / 4, 3)
-        changed: Uint8 = np.clip(np.rint(rgb * np.maximum(gains, 0.0)), 0, 255).astype(np.uint8)
-        return changed
+def exposed(rgb: Uint8, share: float, random: np.random.Generator) -> Uint8:
+    """Return the image (H, W, 3) of one view with its gains: their deviation, a quarter of it by channel."""
+    gains = 1.0 + random.normal(0, share) + random.normal(0, share / 4, 3)
+    changed: Uint8 = np.clip(np.rint(rgb * np.maximum(gains, 0.0)), 0, 255).astype(np.uint8)
+    return changed
 
 
-def projector(baseline_m: float, seed: int) -> Projector:
+def projector(seed: int) -> Projector:
     """Return a projector of random dots, half-way between the imagers."""
     random = np.random.default_rng([seed, 3])
     pattern = np.zeros((_PATTERN_PX, _PATTERN_PX), dtype=np.float32)
@@ -234,7 +210,7 @@ def projector(baseline_m: float, seed: int) -> Projector:
     rows, cols = random.integers(0, _PATTERN_PX, (2, count))
     np.add.at(pattern, (rows, cols), 2 * np.pi * sigma_px**2)
     return Projector(
-        at_m=np.array([0.0, baseline_m / 2, 0.0]),
+        at_m=np.array([0.0, BASELINE_M / 2, 0.0]),
         pattern=np.asarray(cv2.GaussianBlur(pattern, (0, 0), sigma_px), dtype=np.float32),
         half_tan=_FIELD_TAN,
     )
@@ -248,7 +224,6 @@ def measure_stereo(
     dots: Projector,
     range_m: tuple[float, float],
     random: np.random.Generator,
-    sensor: DepthSensor,
 ) -> Float32:
     """Return the depth image (H, W) in metres that is matched between two infrared images; 0: none.
 
@@ -262,15 +237,13 @@ def measure_stereo(
         Depths that are looked for.
     random : Generator
         Source of the noise.
-    sensor : DepthSensor
-        Its baseline.
     """
-    offset_m = np.array([0.0, -sensor.baseline_m, 0.0])
+    offset_m = np.array([0.0, -BASELINE_M, 0.0])
     own = scene.infrared(camera, points_m, normals, dots)
     lower = scene.infrared(camera, points_m + offset_m, normals, replace(dots, at_m=dots.at_m + offset_m))
     gain = _EXPOSED / float(own[own > 0].mean()) if own.any() else 1.0
     first, second = (_exposed(image * gain, random) for image in (own, lower))
-    scale = camera.fy * sensor.baseline_m
+    scale = camera.fy * BASELINE_M
     least, most = int(scale / range_m[1]) - 1, int(np.ceil(scale / range_m[0])) + 1
     disparity = match(first, second, max(least, 1), most)
     seen = disparity > 0

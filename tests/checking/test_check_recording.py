@@ -10,7 +10,7 @@ from scenes import Cylinder
 from flatcloth.checking.check import check_recording
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.base import ViewImages, altered, fingerprint
+from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.recordings.mending import Mends, mended
 
 NAMES = ("shirt-corner-d435", "shirt-sleeve-clean", "trousers-waist-d435")
@@ -25,9 +25,21 @@ def right():
     return altered(recording, read=lambda n: ViewImages(frames[n].color, frames[n].depth_m, frames[n].mask))
 
 
+@pytest.fixture(scope="module")
+def half(right):
+    """Half of its turn, which takes half of the time."""
+    return altered(right, angles_deg=right.angles_deg[:18])
+
+
 def _with(recording, images):
     """The recording with other images: ``images(frame)`` makes them."""
     return altered(recording, read=lambda n: images(recording[n]))
+
+
+def _seen(recording):
+    """What checking reads of a recording: its angles, its camera, and one view's images for all."""
+    frame = recording[3]
+    return recording.angles_deg, recording.intrinsics, frame.color.tobytes(), frame.depth_m.tobytes()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -70,39 +82,39 @@ def test_nothing_is_wrong_where_only_the_sensor_is_noisier(name, noise_px):
         (Mends(color_shift=(15.0, 0.0)), "color"),
         (Mends(color_scale=1.15), "color"),
         (Mends(focal_factor=1.3), "focal"),
-        (Mends(view_angles=((4, 210.0), (21, 40.0))), "views"),
+        (Mends(view_angles=((4, 110.0), (11, 40.0))), "views"),
     ],
     ids=lambda value: value.words() if isinstance(value, Mends) else value,
 )
-def test_a_mistake_is_named_stops_a_run_and_is_mended(right, mistake, name):
-    wrong = mended(right, mistake)
+def test_a_mistake_is_named_stops_a_run_and_is_mended(half, mistake, name):
+    wrong = mended(half, mistake)
     check = check_recording(wrong)
     assert check.findings[0].name == name
     assert check.findings[0].is_certain
     again = [mended(wrong, mends) for mends in check.findings[0].mends]
-    is_right = fingerprint(right) in map(fingerprint, again)  # else it is estimated, and nearly right
+    is_right = _seen(half) in map(_seen, again)  # else it is estimated, and nearly right
     assert is_right or any(check_recording(each).findings == () for each in again)
     with pytest.raises(RecordingError, match="--as-recorded"):
         check.refuse(wrong.location)
 
 
-def test_a_focal_length_is_mended_to_a_percent(right):
-    (found,) = check_recording(mended(right, Mends(focal_factor=0.75))).findings
+def test_a_focal_length_is_mended_to_a_percent(half):
+    (found,) = check_recording(mended(half, Mends(focal_factor=0.75))).findings
     assert found.mends[0].focal_factor * 0.75 == pytest.approx(1.0, abs=0.01)
 
 
-def test_views_in_a_random_order_are_put_in_order_again(right):
-    angles = np.random.default_rng(1).permutation(right.angles_deg)
-    wrong = mended(right, Mends(view_angles=tuple(enumerate(map(float, angles)))))
+def test_views_in_a_random_order_are_put_in_order_again(half):
+    angles = np.random.default_rng(1).permutation(half.angles_deg)
+    wrong = mended(half, Mends(view_angles=tuple(enumerate(map(float, angles)))))
     (found,) = check_recording(wrong).findings
     assert found.name == "order"
-    turned = np.array(mended(wrong, found.mends[0]).angles_deg) - right.angles_deg
+    turned = np.array(mended(wrong, found.mends[0]).angles_deg) - half.angles_deg
     assert np.allclose((turned - turned[0] + 180) % 360 - 180, 0.0)
 
 
-def test_an_item_that_does_not_turn_is_named_and_nothing_mends_it(right):
-    first = right[0]
-    still = _with(right, lambda _: ViewImages(first.color, first.depth_m, first.mask))
+def test_an_item_that_does_not_turn_is_named_and_nothing_mends_it(half):
+    first = half[0]
+    still = _with(half, lambda _: ViewImages(first.color, first.depth_m, first.mask))
     (found,) = check_recording(still).findings
     assert found.name == "still"
     assert found.mends == ()
@@ -120,26 +132,26 @@ def test_few_views_of_smooth_cloth_do_not_seem_to_stand_still(views):
     assert {finding.name for finding in check_recording(tube).findings} <= {"coverage"}
 
 
-def test_inverted_masks_are_inverted_again(right):
-    wrong = _with(right, lambda frame: ViewImages(frame.color, frame.depth_m, ~frame.mask))
+def test_inverted_masks_are_inverted_again(half):
+    wrong = _with(half, lambda frame: ViewImages(frame.color, frame.depth_m, ~frame.mask))
     found = check_recording(wrong).findings[0]
     assert found.name == "masks"
     again = mended(wrong, found.mends[0])[3].mask
     assert again is not None
-    assert (again == (right[3].mask & (right[3].depth_m > 0))).all()
+    assert (again == (half[3].mask & (half[3].depth_m > 0))).all()
 
 
-def test_masks_beside_the_item_are_not_to_be_used(right):
-    wrong = _with(right, lambda frame: ViewImages(frame.color, frame.depth_m, np.roll(frame.mask, 120, 1)))
+def test_masks_beside_the_item_are_not_to_be_used(half):
+    wrong = _with(half, lambda frame: ViewImages(frame.color, frame.depth_m, np.roll(frame.mask, 120, 1)))
     found = check_recording(wrong).findings[0]
     assert found.name == "masks"
     assert found.mends == (Mends(without_masks=True),)
 
 
-def test_an_axis_beside_the_item_is_to_be_estimated(right):
-    axis = right.rotation_axis
+def test_an_axis_beside_the_item_is_to_be_estimated(half):
+    axis = half.rotation_axis
     beside = dataclasses.replace(axis, point_m=axis.point_m + np.array([0.06, 0.0, 0.05]))
-    (found,) = check_recording(dataclasses.replace(right, rotation_axis=beside)).findings
+    (found,) = check_recording(dataclasses.replace(half, rotation_axis=beside)).findings
     assert found.name == "axis"
     assert found.mends == (Mends(estimate_axis=True),)
 
@@ -158,15 +170,10 @@ def test_what_makes_results_worse_only_is_told_and_does_not_stop(right):
     check.refuse("few")
 
 
-def test_a_recording_without_axis_is_checked_about_the_vertical(right):
-    bare = mended(right, Mends(estimate_axis=True))
+def test_a_recording_without_axis_is_checked_about_the_vertical(half):
+    bare = mended(half, Mends(estimate_axis=True))
     assert check_recording(bare).findings == ()
     assert check_recording(mended(bare, Mends(reverse=True))).findings[0].name == "sense"
-
-
-def test_a_single_view_is_no_mistake(right):
-    one = mended(right, Mends(leave_out=tuple(range(1, 36))))
-    assert check_recording(one).findings == ()
 
 
 @pytest.mark.parametrize("by_deg", [-16.0, 16.0])
@@ -180,6 +187,9 @@ def test_a_slipped_turntable_is_told_from_a_single_view_and_the_end_of_a_turn_te
     assert np.abs(turned).max() < 1.5
 
 
-@pytest.mark.parametrize("factor", [0.96, 1.04])
-def test_steps_that_are_a_little_longer_are_no_slip(right, factor):
-    assert check_recording(mended(right, Mends(angle_factor=factor))).findings == ()
+ONE_VIEW = Mends(leave_out=tuple(range(1, 36)))
+
+
+@pytest.mark.parametrize("change", [ONE_VIEW, Mends(angle_factor=0.96), Mends(angle_factor=1.04)])
+def test_a_single_view_and_steps_that_are_a_little_longer_are_no_mistake(right, change):
+    assert check_recording(mended(right, change)).findings == ()

@@ -106,6 +106,7 @@ REFUSED = [
         "https://[::1/", "https:///cloth/",
     )),
     (["view", "shirt-sleeve-clean", "--port", "0", "--session", "/proc/none/s"], "Choose a writable folder"),
+    (["batch", "none", "--coco", "out"], "none: cannot be read"),
     (["active", "--out", "out"], "active needs --cell"),
     (["active", "--out", "out", "--cell", "no.obj"], "no such file"),
     (["active", "--out", "out", "--cell", "--goal", "points:nose"], "no known garment has these points"),
@@ -141,6 +142,10 @@ def test_what_cannot_be_is_one_line_and_exit_code_2(
         (["check", "x", "more"], "unrecognized arguments: more"),
         (["view", "--port", "70000"], "--port"),
         (["view", "--port", "x"], "--port"),
+        (["batch", "x", "--review", "--port", "70000"], "--port"),
+        (["active", "--out", "x", "--listen", "70000"], "--listen"),
+        (["active", "--out", "x", "--cell", "--start", "nan"], "--start"),
+        (["export", "x", "--grasps", "x.json", "--rotation", "nan"], "is not an angle"),
         (["view", "--method", "magic"], "--method"),
         (["run"], "required: SOURCE"),
     ],
@@ -278,6 +283,15 @@ def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> No
     assert running.returncode in (0, 130)  # not by a signal, though threads may still compute
     assert "Traceback" not in rest + errors
     assert (tmp_path / "s" / "session.json").is_file()
+
+
+@pytest.mark.parametrize(
+    "command", ["import x --out", "segment x --out", "synthesize x --out", "check x --pictures"]
+)
+def test_a_folder_with_something_in_it_is_refused_before_any_work(command, tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("keep")
+    assert main([*command.split(), str(tmp_path)]) == 2
+    assert f"{tmp_path}: not empty" in capsys.readouterr().err  # and not that there is no x
 
 
 # --- check -----------------------------------------------------------------------------------------

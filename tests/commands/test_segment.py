@@ -123,12 +123,3 @@ def test_strokes_that_are_none_are_told_in_one_line(recording, tmp_path, capsys,
     assert re.search(said, error)
     assert "\n" not in error
     assert not (tmp_path / "out").exists()
-
-
-def test_masks_are_not_written_over_something_else(recording, tmp_path, capsys):
-    out = tmp_path / "masks"
-    out.mkdir()
-    (out / "mine.txt").write_text("keep")
-    assert main(["segment", str(recording), "--out", str(out)]) == 2
-    assert "not empty" in capsys.readouterr().err
-    assert [file.name for file in out.iterdir()] == ["mine.txt"]

@@ -146,13 +146,6 @@ def test_a_session_without_a_start_view_is_one_line_that_names_it(
     )
 
 
-def test_a_rotation_is_a_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["export", str(tmp_path), "--grasps", "x.json", "--rotation", "nan"])
-    assert stop.value.code == 2
-    assert "is not an angle" in capsys.readouterr().err
-
-
 def test_the_example_of_the_documentation_reads_the_file(
     session: Path, tmp_path: Path, hand_eye: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -152,41 +152,41 @@ def test_color_that_comes_late_is_paired_with_its_own_depth(tmp_path: Path) -> N
         assert int(np.argmin(apart)) == round(pair.time_s * 15)
 
 
-class Starved:
-    """A pipeline whose threads do not get to work for a while, after some frames."""
+class StandIn:
+    """A pipeline that gives nothing for a while after six frames, and its playback; both tell their end."""
 
-    def __init__(self, pipeline: Any, frames: int, waits: int) -> None:
-        self._pipeline, self._frames, self._waits = pipeline, frames, waits
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, player: RealsensePlayer, **playback: Any) -> None:
+        self.frames, self.waits, self.done = 6, 0, list[str]()
+        self._opened, self._playback = player._open, playback
+        monkeypatch.setattr(player, "_open", self._open)
+
+    def _open(self, *, starting: bool) -> tuple[Any, Any, Any]:
+        config, self._pipeline, real = self._opened(starting=starting)
+        told = {name: getattr(real, name) for name in ("current_status", "get_position", "resume")}
+        told["pause"] = lambda: (real.pause(), self.done.append("idle"))  # type: ignore[func-returns-value]
+        return config, self, SimpleNamespace(**told | self._playback)
 
     def try_wait_for_frames(self, timeout_ms: int) -> tuple[bool, Any]:
-        if self._frames > 0 or self._waits <= 0:
-            self._frames -= 1
+        self.frames -= 1
+        if self.frames >= 0 or self.waits <= 0:
             return self._pipeline.try_wait_for_frames(timeout_ms)
-        self._waits -= 1
+        self.waits -= 1
         return False, None
 
     def stop(self) -> None:
         self._pipeline.stop()
+        self.done.append("stopped")
 
 
 def test_frames_that_are_late_on_a_busy_machine_are_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     player = RealsensePlayer(write_realsense(tmp_path / "late.db3", turning(lambda _t: 0.0, 1.0)))
-    real = player._open
-
-    def starved(*, starting: bool) -> tuple[Any, Any, Any]:
-        config, pipeline, playback = real(starting=starting)
-        ended = SimpleNamespace(
-            current_status=lambda: player._library.playback_status.stopped,
-            get_position=lambda: 0,
-            pause=playback.pause,
-            resume=playback.resume,
-        )
-        return config, Starved(pipeline, 6, 10), ended
-
-    monkeypatch.setattr(player, "_open", starved)
+    stopped = player._library.playback_status.stopped
+    starved = StandIn(monkeypatch, player, current_status=lambda: stopped, get_position=lambda: 0)
+    starved.waits = 10
     assert len(list(player.play())) == 15
+    assert starved.waits == 0
 
 
 def test_a_film_that_is_left_early_is_stopped_before_its_device_goes(
@@ -194,31 +194,11 @@ def test_a_film_that_is_left_early_is_stopped_before_its_device_goes(
 ) -> None:
     # librealsense's reader works on after the stop; freed meanwhile, it takes the process with it.
     player = RealsensePlayer(write_realsense(tmp_path / "left.db3", turning(lambda _t: 0.0, 1.0)))
-    real, done = player._open, []
-
-    class Pipeline:
-        def __init__(self, pipeline: Any) -> None:
-            self.try_wait_for_frames, self._pipeline = pipeline.try_wait_for_frames, pipeline
-
-        def stop(self) -> None:
-            self._pipeline.stop()
-            done.append("stopped")
-
-    def watched(*, starting: bool) -> tuple[Any, Any, Any]:
-        config, pipeline, playback = real(starting=starting)
-        watch = SimpleNamespace(
-            current_status=playback.current_status,
-            get_position=playback.get_position,
-            resume=playback.resume,
-            pause=lambda: (playback.pause(), done.append("idle")),  # type: ignore[func-returns-value]
-        )
-        return config, Pipeline(pipeline), watch
-
-    monkeypatch.setattr(player, "_open", watched)
+    watched = StandIn(monkeypatch, player)
     playing = player.play()
     next(playing)
     cast("Generator[object, None, None]", playing).close()
-    assert done == ["stopped", "idle"]
+    assert watched.done == ["stopped", "idle"]
 
 
 def test_color_of_another_time_is_used_only_if_there_is_no_other(tmp_path: Path) -> None:
@@ -330,11 +310,10 @@ def test_every_bad_file_is_one_line(files: Path, tmp_path: Path, capsys: pytest.
             RealsensePlayer(path)
         assert str(caught.value).startswith(str(path))
         assert "\n" not in str(caught.value)
-        assert main(["import", str(path), "--out", str(tmp_path / "out")]) == 2
-        said = capsys.readouterr()
-        assert said.err.count("\n") == 1
-        assert str(path) in said.err
-        assert not (tmp_path / "out").exists()
+    path = tmp_path / "truncated.db3"
+    assert main(["import", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert re.fullmatch(rf"flatcloth: {path}: truncated or damaged.*\n", capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("missing", ["depth", "color"])

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from flatcloth.synthesis.sensor import DepthSensor, measure_depth
+from flatcloth.synthesis.sensor import measure_depth
 
 
 def noisy(depth_m: np.ndarray, seed: int = 0) -> np.ndarray:
-    return measure_depth(depth_m.astype(np.float32), 425.0, np.random.default_rng(seed), DepthSensor())
+    return measure_depth(depth_m.astype(np.float32), 425.0, np.random.default_rng(seed))
 
 
 def test_the_noise_is_a_d435s() -> None:

@@ -10,8 +10,10 @@ from garment_meshes import HEIGHT_M, RADIUS_M, arc, write_obj
 from flatcloth.cli import main
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
-from flatcloth.synthesis.hanging import PoseErrors, hang, turn, twisted
-from flatcloth.synthesis.sensor import COLOR_ABOVE_M, Exposure, aligned_color, match
+from flatcloth.synthesis.hanging import hang, turn, twisted
+from flatcloth.synthesis.recording import camera_of
+from flatcloth.synthesis.request import Request
+from flatcloth.synthesis.sensor import COLOR_ABOVE_M, aligned_color, exposed, match
 
 
 def speckled(shape: tuple[int, int], seed: int = 0) -> np.ndarray:
@@ -94,7 +96,7 @@ def test_a_stereo_recording_is_that_of_the_mesh_with_the_errors_of_matching(tmp_
 
 
 def test_color_is_taken_from_where_the_camera_above_sees_the_cloth() -> None:
-    camera = open_camera()
+    camera = camera_of((64, 128), 180.0)
     depth = np.full((camera.height, camera.width), 0.85, dtype=np.float32)
     depth[:, :5] = 0
     rows = np.repeat(np.arange(camera.height, dtype=np.uint8)[:, None], camera.width, axis=1)
@@ -102,12 +104,6 @@ def test_color_is_taken_from_where_the_camera_above_sees_the_cloth() -> None:
     assert not seen[:, :5].any()
     shift = round(camera.fy * COLOR_ABOVE_M / 0.85)
     assert (seen[50, 5:] == 50 + shift).all()
-
-
-def open_camera():
-    from flatcloth.synthesis.recording import camera_of
-
-    return camera_of((64, 128), 180.0)
 
 
 def test_a_twist_grows_downwards_and_leaves_heights_and_the_held_point() -> None:
@@ -121,7 +117,8 @@ def test_a_twist_grows_downwards_and_leaves_heights_and_the_held_point() -> None
     turned = np.degrees(np.arctan2(moved[:, 0], moved[:, 2]) - np.arctan2(still[:, 0], still[:, 2]))[off]
     turned = np.mod(turned + 180, 360) - 180
     assert np.allclose(turned, 10.0 * still[off, 1] / HEIGHT_M, atol=1e-6)
-    turning = turn(hung, (0.0, 90.0, 180.0), PoseErrors(twist_deg=2.0), np.random.default_rng(0))
+    asked = Request(mesh=Path(), out=Path(), step_deg=90.0, twist_deg=2.0)
+    turning = turn(hung, asked, np.random.default_rng(0))
     assert turning.twist_deg[0] == 0.0
     assert min(np.abs(turning.twist_deg[1:])) > 0
 
@@ -129,7 +126,7 @@ def test_a_twist_grows_downwards_and_leaves_heights_and_the_held_point() -> None
 def test_exposure_wavers_by_its_share_and_colors_by_a_quarter_of_it() -> None:
     random = np.random.default_rng(0)
     grey = np.full((1, 1, 3), 100, dtype=np.uint8)
-    seen = np.array([Exposure(share=0.08).apply(grey, random)[0, 0] for _ in range(2000)]) / 100
+    seen = np.array([exposed(grey, 0.08, random)[0, 0] for _ in range(2000)]) / 100
     assert seen.mean(axis=1).std() == pytest.approx(0.08, rel=0.1)
     assert (seen[:, 0] - seen[:, 1]).std() == pytest.approx(0.02 * np.sqrt(2), rel=0.1)
-    assert (Exposure().apply(grey, random) == 100).all()
+    assert (exposed(grey, 0.0, random) == 100).all()

@@ -18,11 +18,7 @@ import numpy as np
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64, Progress, no_progress
 from flatcloth.recordings.base import SAME_VIEW_DEG, Recording, ViewImages
-from flatcloth.recordings.film.angles import (
-    distinct,
-    read_turning,
-    stops_found,
-)
+from flatcloth.recordings.film.angles import distinct, read_turning, stops_found
 from flatcloth.recordings.film.recording import average_color, average_depth
 from flatcloth.recordings.film.stillness import Glance, Stop, find_stops, glance
 from flatcloth.recordings.options import SourceOptions
@@ -38,8 +34,6 @@ _TURNS_WHILE_STILL_DEG = 1.0
 """A stop during which the given angles turn by more is none. Chosen."""
 _LOOSE_PAIRING_FRAMES = 3.0
 """Offset allowed between color and depth, in frames, if no pair is closer. Chosen."""
-
-
 _STEP_DEG = 10.0
 """The step if none is given. Chosen, as that of other sources' examples."""
 _View = tuple[float, ViewImages]
