@@ -165,7 +165,8 @@ def test_a_pick_without_a_place_on_the_shown_shape_is_refused(
 @pytest.mark.parametrize("path", ["/robot/grasps", "/robot/pick", "/export/grasps.json"])
 def test_a_rotation_that_is_none_is_refused(server: PageServer, path: str) -> None:
     for rotation in ("left", "nan", "1e9"):
-        answer = (post if path.endswith("pick") else ask)(server, f"{path}?rotation={rotation}")
+        address = f"{path}?rotation={rotation}"
+        answer = post(server, address, json={}) if path.endswith("pick") else ask(server, address)
         assert answer.status_code == 400
         assert "number of degrees" in answer.text
     if path != "/robot/pick":

@@ -27,7 +27,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import numpy as np
 from msgspec import structs
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -202,11 +201,9 @@ CHECKED_VIEWS = 6
 
 _NOT_BEGUN = "No capture is running; start one first."
 
-MAX_BODY_BYTES = 10_000
-"""Limit of a request's body. Chosen: far above what the page sends."""
 _WANTED = 'Send {"angle_deg": 20.0}, and "keep": false if an operator decides.'
-_HEARD = {"angle": "announce", "begin": "begin", "keep": "keep", "repeat": "repeat", "finish": "finish"}
-"""What a program may post, and the action that it is."""
+_HEARD = ("begin", "keep", "repeat", "finish")
+"""Actions that a program may post, besides an angle."""
 
 
 class _Announcement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -369,23 +366,26 @@ class CaptureApplication(PageController):
                 raise http.RefusedError("No view has been taken yet.", 404)
             return self.view_png
 
-        async def hear(request: Request) -> Response:
+        def done(action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> CaptureStatus:
+            self.act(action, angle_deg, keeps_itself)
+            self._put(None, self.publish)
+            return self.status()
+
+        def hear(request: Request) -> Response:  # on a thread
             word = request.path_params["action"]
             if word not in _HEARD:
-                known = ", ".join(_HEARD)
+                known = ", ".join(("angle", *_HEARD))
                 raise http.RefusedError(f"Unknown address /capture/{word:.40}; choose one of {known}.", 404)
-            angle_deg, keeps_itself = None, False
-            if word == "angle":
-                said = await http.read_json(request, _Announcement, MAX_BODY_BYTES, _WANTED)
-                angle_deg, keeps_itself = said.angle_deg, said.keep
-            await run_in_threadpool(self.act, _HEARD[word], angle_deg, keeps_itself)
-            self._put(None, self.publish)
-            return http.as_json(request, await run_in_threadpool(self.status))
+            return http.as_json(request, done(word))
+
+        def announce(_request: Request, said: _Announcement) -> CaptureStatus:
+            return done("announce", said.angle_deg, said.keep)
 
         return [
             http.get("/capture", lambda _: self.status()),
             http.get("/capture/view.png", view),
             http.get("/capture/frame/{after:int}", self._frame, "application/octet-stream", gone=None),
+            http.post("/capture/angle", _Announcement, announce, hint=_WANTED),
             Route("/capture/{action}", hear, methods=["POST"]),
         ]
 

@@ -97,7 +97,7 @@ class PageController(ABC):
         self._newest: dict[tuple[int, type[messages.Said]], int] = {}  # the last question of each tab
         self._revision, self._published_at_s, self._reported = 0, 0.0, ""
         self.last_state: PageState | None = None  # what was sent last
-        self._front = Worker("flatcloth-session", self._recover)
+        self._front = Worker("flatcloth-session")
         self.executor = Executor(partial(self._put, None))
         scene.in_background = partial(self.executor.put, "clouds")
 
@@ -239,24 +239,15 @@ class PageController(ABC):
         except FlatclothError as error:
             _log.warning("%s", error)
             self.tell(client, "error", str(error))
-        except Exception as error:  # noqa: BLE001 - reported and logged
+        except BaseException as error:  # noqa: BLE001 - reported and logged
             _log.exception("a command failed")
             self.tell(client, "error", f"Unexpected error: {error!r:.300}. See the terminal.")
         take_notices = getattr(self.folder, "take_notices", tuple)
         for text in take_notices():
             self.tell(None, "warning", text)
 
-    def _recover(self, error: BaseException) -> None:
-        """Report that the session's thread failed, and restart the session from its journal."""
-        note = self._note("error", f"The session had to restart ({error!r:.300}); all decisions are kept.")
-        self.tabs.tell(None, note)
-        self._restart()
-
     def draw_again(self) -> None:  # noqa: B027 - frames of a camera are drawn again anyway
         """Draw the shown document again: it is shown otherwise by what is known now."""
-
-    def _restart(self) -> None:  # noqa: B027 - modes without decisions need no restart
-        """Show the session again from its journal."""
 
     def _receive(self, client: int, message: messages.Message | messages.MessageError) -> None:
         match message:

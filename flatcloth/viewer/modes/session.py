@@ -145,12 +145,6 @@ class Application(PageController):
         else:
             self._settle()
 
-    def _restart(self) -> None:
-        self._work.cancel()
-        self._work.forget_picture()
-        self._auto = AutoInfo()
-        self._settle()
-
     def _take(self, client: int, message: messages.Message) -> None:
         match message:
             case messages.Do():

@@ -12,8 +12,7 @@ from typing import Any
 from msgspec import structs
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import flatcloth
@@ -236,22 +235,18 @@ def _same(before: tuple[Any, ...], now: tuple[Any, ...]) -> bool:
 
 POLL_S = 0.1
 """Interval between checks for new events. Chosen."""
-MAX_BODY_BYTES = 10_000
-"""Limit of a request's body, as for ``/capture``. Chosen: far above what a pick takes."""
 
 
 def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
     """Return the routes; they require the page's token, as all others."""
 
-    async def pick(request: Request) -> Response:
-        rotation_deg = http.rotation_of(request)
-        proposed = await http.read_json(request, ProposedPick, MAX_BODY_BYTES, "See /robot/schema.json.")
-        return http.as_json(request, await run_in_threadpool(answers.propose, proposed, rotation_deg))
+    def pick(request: Request, proposed: ProposedPick) -> dict[str, Any]:
+        return answers.propose(proposed, http.rotation_of(request))
 
     return [
         http.get("/robot/shape", lambda _: answers.shape()),
         http.get("/robot/grasps", lambda request: answers.grasps(http.rotation_of(request))),
-        Route("/robot/pick", pick, methods=["POST"]),
+        http.post("/robot/pick", ProposedPick, pick, hint="See /robot/schema.json."),
         http.get("/robot/schema.json", lambda _: schema()),
         events_route(answers.events),
     ]

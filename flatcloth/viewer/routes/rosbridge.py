@@ -31,7 +31,7 @@ from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.robot import ProposedPick
 from flatcloth.viewer.protocol.sent import encoded
-from flatcloth.viewer.routes.robot import MAX_BODY_BYTES, Present, RobotAnswers, push
+from flatcloth.viewer.routes.robot import Present, RobotAnswers, push
 
 OBJECT, CAMERA, BASE = "object", "camera", "base"
 Frames = Mapping[str, tuple[str, Rigid3]]
@@ -219,8 +219,8 @@ class RosBridge:
     def _answer(self, text: str, client: _Client) -> dict[str, Any] | None:
         """Carry out an operation; return the answer to the client, None: no answer."""
         try:
-            if len(text) > MAX_BODY_BYTES:
-                raise ValueError(f"it is longer than {MAX_BODY_BYTES} characters")
+            if len(text) > http.MAX_BODY_BYTES:
+                raise ValueError(f"it is longer than {http.MAX_BODY_BYTES} characters")
             request = msgspec.json.decode(text, type=_Request)
         except (ValueError, RecursionError) as error:
             return _status("error", f"The message is not one of rosbridge: {error}.", None)
