@@ -187,7 +187,7 @@ def make_picture(
     laid: Sequence[LaidPiece] = (),
     edge_m: float = -math.inf,
 ) -> Picture:
-    """Compute the picture of a document with a start view; revisions continue from ``previous``.
+    """Compute the picture of a document with a start view.
 
     The shape is laid out on a sheet with its floating pieces; the proposal is laid on the sheet; the cloud
     is that of the present view; ``laid`` are pieces that seams join to the shape; floating ones keep clear of
@@ -209,7 +209,7 @@ def make_picture(
         before = None if previous is None else previous.overlay
         overlay = _overlay(integration, document, document.pending, sheet, before)
     return Picture(
-        revision=1 if previous is None else previous.revision + (same is None),
+        revision=next(_revisions) if same is None else same.revision,
         document=document,
         view=sheet.view,
         present_view=present,
@@ -235,7 +235,7 @@ def truth_of(recording: Recording) -> KitTruth | None:
     return None
 
 
-_overlay_revisions = itertools.count(1)
+_revisions, _overlay_revisions = itertools.count(1), itertools.count(1)
 
 
 def _overlay(

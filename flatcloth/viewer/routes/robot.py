@@ -17,6 +17,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import flatcloth
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import FlattenedView
 from flatcloth.engine.garment import KnownGarment
 from flatcloth.export.garment import garment_document
 from flatcloth.garments.recognition import NONE
@@ -43,33 +44,26 @@ _ROTATIONS_KEPT = 16
 """Most rotations for which the poses are kept. Chosen: more than robots listen at once; it bounds memory."""
 
 
+Events = dict[int | str, RobotEvent]
+"""By what they are about: a pick by its number."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shown:
-    """What robots receive: a shape, and the document of ``grasps.json`` at one rotation."""
+    """What robots receive: a shape, its ``view``, the document of ``grasps.json`` at one rotation, events."""
 
     shape: ShapeChanged
+    view: FlattenedView
     document: dict[str, Any]
-    is_recognised: bool
-    kind: str | None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Present(Shown):
-    """What the page shows to robots."""
-
-    picture: Picture
+    events: Events
 
 
 @dataclass
 class Told:
-    """What one client received last; the events that it misses follow from it."""
+    """The events that one client received last; those that it misses follow from them."""
 
     rotation_deg: float | None = None
-    greeted: bool = False
-    shown: Shown | None = None
-    shape: ShapeChanged | None = None
-    points: tuple[int, str | None, list[Grasp]] | None = None
-    grasps: dict[int, Grasp] = field(default_factory=dict)
+    events: Events = field(default_factory=dict)
 
 
 class RobotAnswers:
@@ -85,7 +79,7 @@ class RobotAnswers:
         self.page = page
         self._lock = threading.Lock()
         self._made_of: tuple[Any, ...] = ()
-        self._kept: dict[float | None, Present] = {}
+        self._kept: dict[float | None, Shown] = {}
 
     def shape(self) -> dict[str, Any]:
         """Return the shape with its garment, or the reason why there is none."""
@@ -136,9 +130,10 @@ class RobotAnswers:
 
     def events(self, told: Told) -> Iterator[RobotEvent]:
         """Yield the events that a client misses, and note that they are sent."""
-        yield from news(told, self.page.integration.recording.name, self.present(told.rotation_deg))
+        shown = self.present(told.rotation_deg)
+        yield from news(told, self.page.integration.recording.name, shown and shown.events)
 
-    def present(self, rotation_deg: float | None) -> Present | None:
+    def present(self, rotation_deg: float | None) -> Shown | None:
         """Return what the page shows, None before the first shape; kept for all robots until it changes."""
         page = self.page
         picture, known = page.picture, page.garments.last
@@ -154,19 +149,16 @@ class RobotAnswers:
 
     def _presented(
         self, picture: Picture, document: Document, known: KnownGarment | None, rotation_deg: float | None
-    ) -> Present:
+    ) -> Shown:
         """Return what a picture shows; the garment only once the page has recognised it."""
         canonical = None if picture.sheet is None else picture.sheet.canonical
         if known is not None and (canonical is None or not known.is_of(canonical)):
             known = None
         grasps = self.page.grasps(rotation_deg, with_garment=known is not None)
-        return Present(
-            picture=picture,
-            shape=self._shape_of(picture, document),
-            document=grasps,
-            is_recognised=known is not None,
-            kind=None if known is None or known.found.kind == NONE else known.found.kind,
-        )
+        kind = None if known is None or known.found.kind == NONE else known.found.kind
+        shape, view = self._shape_of(picture, document), picture.pieces("this")[0]
+        events = events_of(shape, grasps, kind, recognised=known is not None)
+        return Shown(shape=shape, view=view, document=grasps, events=events)
 
     def picture(self) -> tuple[Picture, Document]:
         """Return the shown picture, and its document.
@@ -191,35 +183,30 @@ class RobotAnswers:
         )
 
 
-def news(told: Told, recording: str, shown: Shown | None) -> Iterator[RobotEvent]:
-    """Yield the events about the shown shape that a client misses, and note that they are sent."""
-    if not told.greeted:
-        told.greeted = True
-        yield Hello(protocol=PROTOCOL, flatcloth=flatcloth.__version__, recording=recording)
-    if shown is None or shown is told.shown:
-        return
-    told.shown, document = shown, shown.document
-    if shown.shape != told.shape:
-        told.shape = shown.shape
-        yield shown.shape
-    yield from _new_picks(told, document)
-    points = typed(document["garment_points"], list[Grasp])
-    found = shown.shape.revision, shown.kind, points
-    if shown.is_recognised and told.points != found:
-        told.points = found
-        revision, kind, _ = found
-        yield PointsChanged(revision=revision, kind=kind, points=points, **_frames(document))
+def events_of(shape: ShapeChanged, document: dict[str, Any], kind: str | None, *, recognised: bool) -> Events:
+    """Return the events that tell of a shape; of its named points once its garment is ``recognised``."""
+    events: Events = {"shape": shape}
+    for grasp in document["grasps"]:
+        events[grasp["id"]] = PickChanged(grasp=typed(grasp, Grasp), **_frames(document))
+    if recognised:
+        points = typed(document["garment_points"], list[Grasp])
+        found = {"revision": shape.revision, "kind": kind, "points": points}
+        events["points"] = PointsChanged(**found, **_frames(document))
+    return events
 
 
-def _new_picks(told: Told, document: dict[str, Any]) -> Iterator[PickChanged | PickDeleted]:
-    grasps = {grasp["id"]: typed(grasp, Grasp) for grasp in document["grasps"]}
-    for number, grasp in grasps.items():
-        if told.grasps.get(number) != grasp:
-            told.grasps[number] = grasp
-            yield PickChanged(grasp=grasp, **_frames(document))
-    for number in [each for each in told.grasps if each not in grasps]:
-        del told.grasps[number]
-        yield PickDeleted(id=number)
+def news(told: Told, recording: str, events: Events | None) -> Iterator[RobotEvent]:
+    """Yield those of the events of what is shown that a client misses, and note that they are sent."""
+    hello = Hello(protocol=PROTOCOL, flatcloth=flatcloth.__version__, recording=recording)
+    now = {"hello": hello, **(events or {})}
+    for about, event in now.items():
+        if told.events.get(about) != event:
+            told.events[about] = event
+            yield event
+    if events is not None:
+        for number in [each for each in told.events if isinstance(each, int) and each not in now]:
+            del told.events[number]
+            yield PickDeleted(id=number)
 
 
 def _frames(document: dict[str, Any]) -> dict[str, Any]:

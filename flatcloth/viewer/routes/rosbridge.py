@@ -31,7 +31,7 @@ from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.robot import ProposedPick
 from flatcloth.viewer.protocol.sent import encoded
-from flatcloth.viewer.routes.robot import Present, RobotAnswers, push
+from flatcloth.viewer.routes.robot import RobotAnswers, Shown, push
 
 OBJECT, CAMERA, BASE = "object", "camera", "base"
 Frames = Mapping[str, tuple[str, Rigid3]]
@@ -43,11 +43,11 @@ class Topic:
     """A topic: the type of its messages, the part of the page they are made of, and what makes one."""
 
     type: str
-    part: Callable[[Present], object]
-    make: Callable[[Present, Frames], dict[str, Any]]
+    part: Callable[[Shown], object]
+    make: Callable[[Shown, Frames], dict[str, Any]]
 
 
-def frame_of(axis: RotationAxis, base_from_camera: Rigid3 | None, present: Present) -> Frames:
+def frame_of(axis: RotationAxis, base_from_camera: Rigid3 | None, present: Shown) -> Frames:
     """Return the frames at the rotation of the poses."""
     rotation_deg = float(present.document["rotation_deg"])
     parents = {OBJECT: (CAMERA, camera_from_object(axis, rotation_deg))}
@@ -67,7 +67,7 @@ def _pose(pose: Mapping[str, Any]) -> dict[str, Any]:
     return {"position": _xyz(pose["position_m"]), "orientation": {"x": x, "y": y, "z": z, "w": w}}
 
 
-def _transforms(present: Present, frames: Frames) -> dict[str, Any]:
+def _transforms(present: Shown, frames: Frames) -> dict[str, Any]:
     """Return ``tf2_msgs/TFMessage``: the frames, each pick and each named point."""
     transforms = [
         _transform(parent, child, motion.translation_m, quaternion_wxyz(motion.rotation))
@@ -161,12 +161,12 @@ TOPICS: dict[str, Topic] = {
     "/flatcloth/cloud": Topic(
         type="sensor_msgs/PointCloud2",
         part=lambda present: present.shape.revision,
-        make=lambda present, _: _cloud(present.picture.pieces("this")[0]),
+        make=lambda present, _: _cloud(present.view),
     ),
     "/flatcloth/image": Topic(
         type="sensor_msgs/CompressedImage",
         part=lambda present: present.shape.revision,
-        make=lambda present, _: _image(present.picture.pieces("this")[0]),
+        make=lambda present, _: _image(present.view),
     ),
 }
 """All topics; each is sent when it is subscribed, and whenever its part has changed."""
@@ -270,7 +270,7 @@ class RosBridge:
             client.sent = parts
         return [encoded(self._published(name, present)).decode() for name in changed]
 
-    def _published(self, name: str, present: Present) -> dict[str, Any]:
+    def _published(self, name: str, present: Shown) -> dict[str, Any]:
         page = self._answers.page
         axis, base = page.integration.axis, page.base_from_camera
         message = TOPICS[name].make(present, frame_of(axis, base, present))
