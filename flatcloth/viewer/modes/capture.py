@@ -51,18 +51,10 @@ from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import http
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol import messages, sent
 from flatcloth.viewer.protocol.actions import ONLY_A_CAMERA, Action, action_table
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import (
-    UV,
-    CapturedView,
-    CaptureStatus,
-    FrameInfo,
-    Grid,
-    ViewRow,
-    parcel_of,
-)
+from flatcloth.viewer.protocol.sent import UV, parcel_of
 
 if TYPE_CHECKING:
     from flatcloth.viewer.scene.scene import Scene
@@ -366,7 +358,9 @@ class CaptureApplication(PageController):
                 raise http.RefusedError("No view has been taken yet.", 404)
             return self.view_png
 
-        def done(action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> CaptureStatus:
+        def done(
+            action: str, angle_deg: float | None = None, keeps_itself: bool = False
+        ) -> sent.CaptureStatus:
             self.act(action, angle_deg, keeps_itself)
             self._put(None, self.publish)
             return self.status()
@@ -378,7 +372,7 @@ class CaptureApplication(PageController):
                 raise http.RefusedError(f"Unknown address /capture/{word:.40}; choose one of {known}.", 404)
             return http.as_json(request, done(word))
 
-        def announce(_request: Request, said: _Announcement) -> CaptureStatus:
+        def announce(_request: Request, said: _Announcement) -> sent.CaptureStatus:
             return done("announce", said.angle_deg, said.keep)
 
         return [
@@ -398,9 +392,9 @@ class CaptureApplication(PageController):
             self._shown, self.picture = shown, shown.picture
             self._put(None, self.report if self._frames.playing else self.publish)
         picture = shown.picture
-        info = FrameInfo(sequence=shown.sequence, reason=shown.reason)
+        info = sent.FrameInfo(sequence=shown.sequence, reason=shown.reason)
         if picture is not None:
-            grid, pick_uv_m = Grid(**grid_of(picture.view)), self._pick_uv_m(picture)
+            grid, pick_uv_m = sent.Grid(**grid_of(picture.view)), self._pick_uv_m(picture)
             info = structs.replace(info, grid=grid, pick_uv_m=pick_uv_m)
         axis = self.integration.axis
         frame = {} if picture is None else {"frame": layers.rgba(picture.view, "color", axis, 1)}
@@ -523,7 +517,7 @@ class CaptureApplication(PageController):
 
     # --- the state --------------------------------------------------------------------------
 
-    def status(self) -> CaptureStatus:
+    def status(self) -> sent.CaptureStatus:
         """Return the status of the capture."""
         with self._lock:
             guided, state = self._guided, Capture(step_deg=0.0)
@@ -533,14 +527,14 @@ class CaptureApplication(PageController):
                 state, taken = guided.state, guided.taken
                 phase = state.phase.value
             if taken is not None:
-                view = CapturedView(
+                view = sent.CapturedView(
                     number=self._view_number,
                     angle_deg=state.target_deg,
                     frames=taken.frames,
                     noise_mm=round(taken.noise_mm, 2),
                     warnings=tuple(taken.warnings),
                 )
-            return CaptureStatus(
+            return sent.CaptureStatus(
                 camera=self._feed.camera.name,
                 camera_fps=round(self._camera_fps, 1),
                 playing=self._frames.playing,
@@ -565,7 +559,7 @@ class CaptureApplication(PageController):
     def _fields(self) -> dict[str, Any]:
         status = self.status()
         kept = tuple(
-            ViewRow(index=i, angle_deg=angle, state="accepted", why_not="It is on disk.")
+            sent.ViewRow(index=i, angle_deg=angle, state="accepted", why_not="It is on disk.")
             for i, angle in enumerate(status.kept_deg)
         )
         fields = super()._fields()
@@ -594,7 +588,7 @@ _ALLOWED = {
 """For actions of the page's table: the phase in which they are allowed, and the reason otherwise."""
 
 
-def _allowed(action: Action, status: CaptureStatus) -> Action:
+def _allowed(action: Action, status: sent.CaptureStatus) -> Action:
     """Return an action with the reason why a camera's page does not allow it now."""
     if action.name in status.why_not:
         return structs.replace(action, why_not=status.why_not[action.name])

@@ -16,13 +16,9 @@ from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering import layers
 from flatcloth.session.document import Document
 from flatcloth.viewer.modes.controller import PageController
+from flatcloth.viewer.protocol import sent
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, layers_of_other, truth_of
-from flatcloth.viewer.protocol.sent import (
-    Legend,
-    OtherSideInfo,
-    Progress,
-    typed,
-)
+from flatcloth.viewer.protocol.sent import typed
 from flatcloth.viewer.worker import one_at_a_time
 
 NOT_ASKED = "The other side is not computed yet."
@@ -39,7 +35,7 @@ class OtherSideController:
         self._asked: tuple[Hashable, ...] | None = None
         self._revision = 0
         self.is_working, self._text = False, NOT_ASKED  # why nothing is made
-        self._progress: Progress | None = None
+        self._progress: sent.Progress | None = None
         self.is_wanted = False
         self.made: OtherSheet | None = None
 
@@ -97,7 +93,7 @@ class OtherSideController:
 
         def report(share: float, text: str) -> None:
             check()
-            self._page.executor.on_page(lambda: self._progressed(Progress(share=share, text=text)))
+            self._page.executor.on_page(lambda: self._progressed(sent.Progress(share=share, text=text)))
 
         with one_at_a_time(check):
             sides = self.both.joined(document, report, check=check)
@@ -115,10 +111,10 @@ class OtherSideController:
             key=key,
             sides=sides,
             sheet=sheet,
-            legends=typed(found, dict[str, Legend]),
+            legends=typed(found, dict[str, sent.Legend]),
         )
 
-    def _progressed(self, progress: Progress) -> None:
+    def _progressed(self, progress: sent.Progress) -> None:
         if self.is_working:
             self._progress = progress
             self._page.report(progress.text)
@@ -130,12 +126,12 @@ class OtherSideController:
 
     # --- for the page ---------------------------------------------------------------------------
 
-    def info(self) -> OtherSideInfo | None:
+    def info(self) -> sent.OtherSideInfo | None:
         """Return the other side for the page; None if the method has one side only."""
         if not self.available:
             return None
         made = self.made
-        info = OtherSideInfo(
+        info = sent.OtherSideInfo(
             revision=0 if made is None else made.revision,
             working=self.is_working,
             progress=self._progress,

@@ -131,7 +131,8 @@ class RobotAnswers:
     def events(self, told: Told) -> Iterator[RobotEvent]:
         """Yield the events that a client misses, and note that they are sent."""
         shown = self.present(told.rotation_deg)
-        yield from news(told, self.page.integration.recording.name, shown and shown.events)
+        events = None if shown is None else shown.events
+        yield from news(told, self.page.integration.recording.name, events)
 
     def present(self, rotation_deg: float | None) -> Shown | None:
         """Return what the page shows, None before the first shape; kept for all robots until it changes."""
@@ -190,8 +191,9 @@ def events_of(shape: ShapeChanged, document: dict[str, Any], kind: str | None, *
         events[grasp["id"]] = PickChanged(grasp=typed(grasp, Grasp), **_frames(document))
     if recognised:
         points = typed(document["garment_points"], list[Grasp])
-        found = {"revision": shape.revision, "kind": kind, "points": points}
-        events["points"] = PointsChanged(**found, **_frames(document))
+        events["points"] = PointsChanged(
+            revision=shape.revision, kind=kind, points=points, **_frames(document)
+        )
     return events
 
 
