@@ -14,7 +14,6 @@ import numpy as np
 from flatcloth.core.config import Config
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
-from flatcloth.engine.live import LiveFrame
 from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.answers import AlignmentScore, Canonical
@@ -109,11 +108,9 @@ class CylinderIntegration:
         self.views = self
         self.recording = CylinderRecording()
         self.config = Config()
-        self.planning = self.config.planning
         self.method = "paper"
         self.accept_score = self.config.alignment.accept_agreement
         self.axis = self.recording.rotation_axis
-        self.held_point_m = CENTER_M
         self.sides = None
         self.notes = ("No masks: <i>a note</i>.",)
         self.scores = scores
@@ -155,11 +152,6 @@ class CylinderIntegration:
     def segment(self, _strokes: Any, _progress: Progress) -> None:
         """The recording has masks."""
 
-    def flattening(self, _view_index: int) -> Any:
-        return SimpleNamespace(
-            levels=(SimpleNamespace(energy=(1.0, 0.1, 0.01)), SimpleNamespace(energy=(0.02, 0.001)))
-        )
-
     def canonical(self, document: Document) -> Canonical:
         key = (document.start_view, document.accepted)
         if key not in self._canonicals:
@@ -173,9 +165,6 @@ class CylinderIntegration:
 
     def cloth(self, _document: Document) -> None:
         """The paper's method does not know how its shape hangs together."""
-
-    def laid_out(self, document: Document) -> Canonical:
-        return self.canonical(document)
 
     def overlay(self, document: Document) -> FlattenedView:
         pending = document.pending
@@ -210,13 +199,6 @@ class CylinderIntegration:
 
     def proposal(self, document: Document) -> Any:
         pending = document.pending
-        curves = SimpleNamespace(
-            u_m=np.arange(5) * 0.01,
-            column_count=np.arange(5, dtype=np.int32),
-            column_mean_z_angle_deg=np.array([-40.0, -20.0, 0.0, np.nan, 40.0]),
-        )
-        side = SimpleNamespace(side=Side.LEFT, curves=curves)
-        plan = SimpleNamespace(reason="left: A = 30 deg", rotation_deg=30.0, sides=(side,))
         found = SimpleNamespace(current_from_new=Rigid2(0.0, 0.003, 0.0))
         parts = (
             SimpleNamespace(component=0, area_m2=0.03, alignment=found),
@@ -225,7 +207,7 @@ class CylinderIntegration:
         best = SimpleNamespace(current_from_new=pending.proposed, score=SimpleNamespace(total=pending.score))
         placement = SimpleNamespace(parts=parts, change=None, alignment=best)
         return SimpleNamespace(
-            view_index=pending.view_index, side=Side.LEFT, plan=plan, placement=placement, alignment=best
+            view_index=pending.view_index, side=Side.LEFT, placement=placement, alignment=best
         )
 
     def answer(self, document: Document, request: Request, progress: Progress) -> Event:
@@ -249,25 +231,6 @@ class CylinderIntegration:
                 return NothingMore(request.token, "Nothing more to give.")
             view = left[0]
         return Proposed(request.token, view, Rigid2(), Side.LEFT, self.scores, also=self.also)
-
-
-class CylinderCamera:
-    """Flattens exactly and at once; each frame shows the cylinder turned by one more view.
-
-    ``errors`` are raised in the place of frames, by their number; ``asked`` is how many were wanted.
-    """
-
-    def __init__(self, integration: CylinderIntegration) -> None:
-        self._integration = integration
-        self.errors: dict[int, Exception] = {}
-        self.asked = 0
-
-    def newest(self) -> LiveFrame:
-        frame, self.asked = self.asked, self.asked + 1
-        if frame in self.errors:
-            raise self.errors[frame]
-        made, view = self._integration, frame % 12
-        return LiveFrame(view=cylinder_view({view: made._held_angle(view)}), cloud=made.cloud(view))
 
 
 class MemoryFolder:
