@@ -39,13 +39,11 @@ from flatcloth.session.machine import (
     paint,
 )
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer import auto
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes import proposal
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.doubts import DoubtService
-from flatcloth.viewer.modes.garment import GarmentController
-from flatcloth.viewer.modes.other_side import OtherSideController
+from flatcloth.viewer.modes.garment import GarmentController, OtherSideController
 from flatcloth.viewer.modes.review import ReviewService, diagnostics_routes
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
@@ -255,7 +253,7 @@ class Application(PageController):
 
     def _by_hand(self, command: Command) -> None:
         # A decision by hand stops Auto, unless Auto waits for it.
-        self._auto = auto.after(self._auto, command)
+        self._auto = proposal.after(self._auto, command)
         self._do(command)
 
     def _do(self, command: Command | Event) -> None:
@@ -305,15 +303,15 @@ class Application(PageController):
 
     def _auto_step(self) -> None:
         running, settings = self._auto, self.settings.now
-        step = auto.next_step(self._state, running, settings, self.picture)
+        step = proposal.next_step(self._state, running, settings, self.picture)
         match step:
             case None:
                 return
-            case auto.Wait(text):
+            case proposal.Wait(text):
                 self._auto = AutoInfo(running=True, waits_for=text)
                 self._follow_garment()
                 self.tell(None, "warning", text)
-            case auto.End():
+            case proposal.End():
                 self.other.is_wanted = True
                 self._end_auto("info", step.text, step.by_choice)
             case Accept(view_index=view):

@@ -35,8 +35,7 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import check_routes, layer_routes, source_routes
-from flatcloth.viewer.routes.robot import RobotAnswers, robot_routes
-from flatcloth.viewer.routes.rosbridge import RosBridge
+from flatcloth.viewer.routes.robot import RobotAnswers, RosBridge, robot_routes
 from flatcloth.viewer.scene.scene import Scene
 
 MAX_HAND_EYE_BYTES = 65536
