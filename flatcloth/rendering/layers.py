@@ -11,7 +11,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import height_m
 from flatcloth.core.types import Bool, FlattenedView, Float32, Floats, RotationAxis, Uint8
 from flatcloth.flattening.resampling import sample
-from flatcloth.rendering.colormaps import MAPS, apply_table, view_colors
+from flatcloth.rendering.colormaps import apply_table, color_table, view_colors
 
 LayerName = Literal[
     "color", "height", "z_angle", "source", "stretch", "incidence", "density", "place", "truth"
@@ -159,7 +159,7 @@ def _values(view: FlattenedView, layer: str, axis: RotationAxis) -> Floats | Non
 
 
 def _colors(values: Floats, own_map: str, low: float, high: float, count: int = 256) -> Uint8:
-    table = MAPS[own_map].table()
+    table = color_table(own_map)
     table = table[np.linspace(0, len(table) - 1, count).round().astype(np.intp)]
     colors = apply_table(table, values, low, high)
     colors[~np.isfinite(values)] = _UNKNOWN
@@ -225,7 +225,7 @@ def _ramp(title: str, own_map: str, low: float, high: float) -> dict[str, Any]:
         "map": own_map,
         "low": low,
         "high": high,
-        "colors": ramp_colors(MAPS[own_map].table()),
+        "colors": ramp_colors(color_table(own_map)),
     }
 
 

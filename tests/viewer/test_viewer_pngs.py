@@ -10,7 +10,7 @@ from viewer_fakes import PIXEL_M, CylinderIntegration, cylinder_view
 
 from flatcloth.api.integrating import flatten
 from flatcloth.recordings import open_recording
-from flatcloth.rendering.colormaps import MAPS
+from flatcloth.rendering.colormaps import color_table
 from flatcloth.rendering.layers import difference_rgba, legend
 from flatcloth.viewer.protocol.picture import truth_of
 from flatcloth.viewer.routes.layers import layer_routes
@@ -66,7 +66,7 @@ def test_differences_are_mapped_over_the_common_cloth_only(client, shown):
     assert image[5, inside & overlay.valid[5], 3].min() == 255
     assert image[5, (u < low - PIXEL_M) | (u > high + PIXEL_M), 3].max() == 0
     # Both are the same cylinder, so it is the first colour of the map throughout.
-    first = MAPS["loss"].table()[0].astype(int)
+    first = color_table("loss")[0].astype(int)
     assert np.abs(image[5, inside & overlay.valid[5], :3].astype(int) - first).max() <= 3
 
 
@@ -78,6 +78,6 @@ def test_a_heat_map_saturates_at_its_legend():
         common=np.ones((1, 4), dtype=bool),
     )
     image = difference_rgba(far, "color")[0, :, :3]
-    table = MAPS["loss"].table()
+    table = color_table("loss")
     np.testing.assert_array_equal(image[[0, 2, 3]], table[[0, 255, 255]])
     assert image[1].tolist() in table[126:130].tolist()

@@ -45,7 +45,7 @@ from flatcloth.engine.live import LiveFlattening, LiveFrame, cloud_of
 from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 from flatcloth.recordings import open_recording
 from flatcloth.rendering import layers
-from flatcloth.rendering.colormaps import MAPS, apply_table
+from flatcloth.rendering.colormaps import apply_table, color_table
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import http
@@ -600,7 +600,7 @@ def _picture(view: TakenView) -> bytes:
     depth = view.depth_m
     measured = depth > 0
     low, high = np.percentile(depth[measured], [1, 90]) if measured.any() else (0.0, 1.0)
-    shaded = apply_table(MAPS["sequential"].table(), -depth, -float(high), -float(low))
+    shaded = apply_table(color_table("sequential"), -depth, -float(high), -float(low))
     shaded[~measured] = 128
     both = np.concatenate([view.color, shaded], axis=1)
     opaque = np.full((*both.shape[:2], 1), 255, dtype=np.uint8)

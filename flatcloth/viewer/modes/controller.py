@@ -31,7 +31,7 @@ from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages, sent
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
-from flatcloth.viewer.protocol.picture import Picture, described, layers_of_shape
+from flatcloth.viewer.protocol.picture import Picture, described, layers_of
 from flatcloth.viewer.protocol.sent import UV, AutoInfo
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore
 from flatcloth.viewer.worker import Executor, Worker
@@ -350,7 +350,7 @@ class PageController(ABC):
             ),
             "notes": tuple(integration.notes),
             "auto": self._auto,
-            "layers": None if picture is None else layers_of_shape(picture),
+            "layers": None if picture is None else layers_of(picture),
             "pick": self._picks.current_info(picture),
             "picks": self._picks.listed(picture),
             "lesson": self.lesson,

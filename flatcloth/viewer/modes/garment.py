@@ -26,7 +26,7 @@ from flatcloth.session.garment import GarmentCommand, HoldPoint, ReleasePoints, 
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages, sent
-from flatcloth.viewer.protocol.picture import OtherSheet, Picture, layers_of_other, truth_of
+from flatcloth.viewer.protocol.picture import OtherSheet, Picture, layers_of, truth_of
 from flatcloth.viewer.protocol.sent import FoundGarment, GarmentInfo, GarmentPreview, typed
 from flatcloth.viewer.worker import one_at_a_time
 
@@ -311,7 +311,7 @@ class OtherSideController:
             return info
         return structs.replace(
             info,
-            layers=layers_of_other(made),
+            layers=layers_of(made),
             is_related=made.sides.is_related,
             reliable_share=uncertainty(made.sides.other.view).get("firm_share"),
         )

@@ -575,31 +575,20 @@ def _motion(motion: Rigid2) -> sent.Motion:
     )
 
 
-def layers_of_shape(picture: Picture) -> sent.Layers:
-    """Return the layers of the shape, or of a frame, with the proposal on it."""
+def layers_of(shown: Picture | OtherSheet) -> sent.Layers:
+    """Return the layers of the shape, of a frame, or of the other side; a proposal lies on the shape only."""
+    sheet, is_shape = shown.sheet, isinstance(shown, Picture)
     return sent.Layers(
-        revision=picture.revision,
-        area_cm2=(picture.view.area_m2 if picture.sheet is None else picture.sheet.shape_m2) * 1e4,
-        pieces=() if picture.sheet is None else _floating(picture.sheet),
-        legends=picture.legends,
-        overlay=_overlay_info(picture),
-        **grid_of(picture.view),
+        revision=shown.revision,
+        area_cm2=1e4 * (shown.view.area_m2 if sheet is None else sheet.shape_m2),
+        pieces=() if sheet is None else _floating(sheet, floating_file if is_shape else other_floating_file),
+        legends=shown.legends,
+        overlay=_overlay_info(shown) if isinstance(shown, Picture) else None,
+        **grid_of(shown.view),
     )
 
 
-def layers_of_other(other: OtherSheet) -> sent.Layers:
-    """Return the layers of the other side; no proposal lies on it."""
-    return sent.Layers(
-        revision=other.revision,
-        area_cm2=1e4 * other.sheet.shape_m2,
-        pieces=_floating(other.sheet, other_floating_file),
-        legends=other.legends,
-        overlay=None,
-        **grid_of(other.view),
-    )
-
-
-def _floating(sheet: Sheet, file_of: Callable[[int], str] = floating_file) -> tuple[sent.FloatingPiece, ...]:
+def _floating(sheet: Sheet, file_of: Callable[[int], str]) -> tuple[sent.FloatingPiece, ...]:
     return tuple(
         sent.FloatingPiece(
             label=piece.label,

@@ -9,15 +9,13 @@ are ``{"error": reason}`` with code 400 (malformed), 409 (cannot be opened) or 4
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from collections.abc import Callable
 from typing import Annotated, Any
 
 import msgspec
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.cache import Cache
@@ -66,7 +64,7 @@ class StartRoutes:
         self._places, self._current, self._open_place, self._mend_present = places, current, open_place, mend
         self._opening = threading.Lock()
         self._pictures: Cache[bytes] = Cache(PICTURES_KEPT)
-        self._reading = asyncio.Semaphore(PICTURES_AT_ONCE)
+        self._reading = threading.Semaphore(PICTURES_AT_ONCE)
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of the start screen."""
@@ -74,7 +72,9 @@ class StartRoutes:
             Route("/start", self.page),
             get("/start/places.json", lambda _: {**self._places.plain(), "current": self._current()}),
             get("/start/folder.json", lambda r: self._places.listing(r.query_params.get("path", ""))),
-            Route("/start/picture/{kind}/{name:path}", self._picture),
+            get(
+                "/start/picture/{kind}/{name:path}", self._picture, "image/jpeg", kept="private, max-age=600"
+            ),
             post("/start/open", OpenPlace, self._open, MAX_BODY_BYTES),
             post("/start/mend", Mend, self._mend, MAX_BODY_BYTES),
         ]
@@ -83,17 +83,13 @@ class StartRoutes:
         """Answer with the start screen."""
         return page_of(request, static_folder() / "start" / "start.html")
 
-    async def _picture(self, request: Request) -> Response:
+    def _picture(self, request: Request) -> bytes:
         kind, name = request.path_params["kind"], request.path_params["name"]
         if kind not in ("example", "session", "folder"):
-            return PlainTextResponse("There is no such picture.", status_code=404)
-        async with self._reading:
-            data = await run_in_threadpool(self._drawn, kind, name)
-        return Response(data, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=600"})
-
-    def _drawn(self, kind: Kind, name: str) -> bytes:
-        source = self._places.chosen(kind, name).source
-        return self._pictures.get(source, lambda: first_picture(source))
+            raise RefusedError("There is no such picture.", 404)
+        with self._reading:
+            source = self._places.chosen(kind, name).source
+            return self._pictures.get(source, lambda: first_picture(source))
 
     def _open(self, _request: Request, said: OpenPlace) -> dict[str, Any]:
         return self._opened(lambda: self._open_place(self._places.chosen(said.kind, said.name)))

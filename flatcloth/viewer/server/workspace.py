@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import msgspec
 import websockets
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -25,7 +26,7 @@ from flatcloth.recordings import SourceOptions
 from flatcloth.recordings.base import source_options
 from flatcloth.recordings.mending import Mends
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.http import RefusedError, read_body, rotation_of
+from flatcloth.viewer.http import post, rotation_of
 from flatcloth.viewer.hub import Hub, Tab
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.session import Application
@@ -85,7 +86,7 @@ class Workspace:
                 *source_routes(page),
                 *check_routes(page),
                 Route("/export/grasps.json", self._grasps),
-                Route("/hand-eye", self._take_hand_eye, methods=["POST"]),
+                post("/hand-eye", msgspec.Raw, self._take_hand_eye, MAX_HAND_EYE_BYTES),
                 Route("/export/{name}", self.exports.serve),
                 Route("/teaching/{part}", TeachingRoutes(page).serve),
                 *page.routes(),
@@ -142,14 +143,10 @@ class Workspace:
         grasps = await run_in_threadpool(self.application.grasps, rotation_of(request))
         return JSONResponse(grasps, headers=headers)
 
-    async def _take_hand_eye(self, request: Request) -> Response:
+    def _take_hand_eye(self, _request: Request, file: msgspec.Raw) -> dict[str, bool]:
         """Take the content of a hand-eye file; poses are in the robot's frame from now on, until the end."""
-        try:
-            data = await read_body(request, MAX_HAND_EYE_BYTES)
-            self.application.base_from_camera = hand_eye_from(data, Path("hand-eye file"))
-        except (FlatclothError, ValueError) as error:
-            raise RefusedError(str(error), 400) from error
-        return JSONResponse({"taken": True})
+        self.application.base_from_camera = hand_eye_from(bytes(file), Path("hand-eye file"))
+        return {"taken": True}
 
 
 async def _no_socket(_request: Request) -> Response:
