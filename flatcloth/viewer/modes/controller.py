@@ -105,10 +105,6 @@ class PageController(ABC):
         """The grips of picks for which the operator chose one."""
         return self._picks.book.grips
 
-    def both(self) -> GarmentService | None:
-        """Return the other side of the item if the page shows it."""
-        return None
-
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this mode."""
         return []
@@ -130,17 +126,7 @@ class PageController(ABC):
         """Process a click in the 3D scene, unless too many wait."""
         if self.is_swamped:
             return
-        self._put(None, lambda: self._click(origin_m, direction))
-
-    def _click(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
-        """Process a click; viser does not check the data of the browser."""
-        try:
-            ray = np.array([origin_m, direction], dtype=np.float64)
-        except (TypeError, ValueError):
-            ray = np.zeros((0, 3))
-        if ray.shape != (2, 3) or not np.isfinite(ray).all() or not ray[1].any():
-            raise FlatclothError("That click has no place in the scene; click again.")
-        self._pick_on_ray(ray[0], ray[1])
+        self._put(None, lambda: self._pick_on_ray(np.array(origin_m), np.array(direction)))
 
     def pointed_at(self, hover: messages.Hover | messages.HoverRay) -> sent.HoverAnswer | sent.RayAnswer:
         """Describe what is under the pointer; fast, because it only reads the present picture."""

@@ -13,7 +13,6 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Floats
-from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
@@ -112,10 +111,6 @@ class Application(PageController):
             *self._doubts.routes(),
             *self._sides.routes(),
         ]
-
-    def both(self) -> GarmentService | None:
-        """Return the other side of the item if the page shows it."""
-        return None if self.other.made is None else self.other.both
 
     def start(self) -> None:
         """Show the session in its last state, and request the start view if there is none."""

@@ -110,11 +110,6 @@ class RobotAnswers:
         sides = None if picture.other is None else picture.other.sides
         return {**shape, "garment": garment_document(known, sides)}
 
-    def grasps(self, rotation_deg: float | None = None) -> dict[str, Any]:
-        """Return the document of ``grasps.json`` at a rotation, by default that of the shown view."""
-        self.picture()  # refused while nothing is flattened
-        return self.page.grasps(rotation_deg)
-
     def propose(self, pick: ProposedPick, rotation_deg: float | None = None) -> dict[str, Any]:
         """Add the pick that a robot proposes, and return its grasp.
 
@@ -129,7 +124,7 @@ class RobotAnswers:
             raise FlatclothError("A pick needs one of point, uv_m and position_m.")
         place = given[0] if given else self._named(str(pick.point))
         number = self.page.propose_pick(place, pick.name or pick.point or "", pick.revision)
-        document = self.grasps(rotation_deg)
+        document = self.page.grasps(rotation_deg)
         found = [grasp for grasp in document["grasps"] if grasp["id"] == number]
         if not found:
             raise FlatclothError("The operator deleted this pick.")
@@ -248,7 +243,7 @@ def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
 
     return [
         http.get("/robot/shape", lambda _: answers.shape()),
-        http.get("/robot/grasps", lambda request: answers.grasps(http.rotation_of(request))),
+        http.get("/robot/grasps", lambda request: answers.page.grasps(http.rotation_of(request))),
         http.post("/robot/pick", ProposedPick, pick, hint="See /robot/schema.json."),
         http.get("/robot/schema.json", lambda _: schema()),
         events_route(answers.events),
@@ -303,9 +298,8 @@ Frames = Mapping[str, tuple[str, Rigid3]]
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A topic: the type of its messages, the part of the page they are made of, and what makes one."""
+    """A topic: the part of the page that its messages are made of, and what makes one."""
 
-    type: str
     part: Callable[[Shown], object]
     make: Callable[[Shown, Frames], dict[str, Any]]
 
@@ -402,32 +396,26 @@ def _text(values: Any) -> dict[str, str]:
 
 TOPICS: dict[str, Topic] = {
     "/flatcloth/picks": Topic(
-        type="geometry_msgs/PoseArray",
         part=lambda present: present.document["grasps"],
         make=lambda present, _: _poses(present.document["grasps"]),
     ),
     "/flatcloth/named_points": Topic(
-        type="geometry_msgs/PoseArray",
         part=lambda present: present.document["garment_points"],
         make=lambda present, _: _poses(present.document["garment_points"]),
     ),
     "/flatcloth/grasps": Topic(
-        type="std_msgs/String",
         part=lambda present: present.document,
         make=lambda present, _: _text(present.document),
     ),
     "/tf": Topic(
-        type="tf2_msgs/TFMessage",
         part=lambda present: present.document,
         make=_transforms,
     ),
     "/flatcloth/cloud": Topic(
-        type="sensor_msgs/PointCloud2",
         part=lambda present: present.shape.revision,
         make=lambda present, _: _cloud(present.view),
     ),
     "/flatcloth/image": Topic(
-        type="sensor_msgs/CompressedImage",
         part=lambda present: present.shape.revision,
         make=lambda present, _: _image(present.view),
     ),
@@ -512,15 +500,10 @@ class RosBridge:
         return {**about, "values": values, "result": True}
 
     def _served(self, request: _Request, client: _Client) -> dict[str, Any]:
-        match request.service:
-            case "/rosapi/topics":
-                return {"topics": list(TOPICS), "types": [topic.type for topic in TOPICS.values()]}
-            case "/rosapi/services":
-                return {"services": [SERVICE]}
-            case "/flatcloth/propose_pick":
-                pick = msgspec.convert(request.args or {}, ProposedPick)
-                return self._answers.propose(pick, client.rotation_deg)
-        raise FlatclothError(f"No service {request.service!r:.80}; there is {SERVICE}.")
+        if request.service != SERVICE:
+            raise FlatclothError(f"No service {request.service!r:.80}; there is {SERVICE}.")
+        pick = msgspec.convert(request.args or {}, ProposedPick)
+        return self._answers.propose(pick, client.rotation_deg)
 
     def _news(self, client: _Client) -> list[str]:
         """Return the messages of the client's topics whose content has changed since the last."""
