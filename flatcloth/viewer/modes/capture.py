@@ -180,14 +180,8 @@ REFRAME_M = 0.15
 """If the item moves this far from the centre of the 3D view, the view is framed again."""
 
 _NO_RECORDING = "A camera shows one frame only; open the captured recording with view."
-_NOT_WITH_A_CAMERA = {
-    "teach": _NO_RECORDING,
-    "export": _NO_RECORDING,
-    "source_image": _NO_RECORDING,
-    "source_mask": _NO_RECORDING,
-    "source_states": _NO_RECORDING,
-}
-"""Why actions that need a whole recording are not allowed here."""
+_OF_RECORDINGS = ("teach", "export", "source_image", "source_mask", "source_states")
+"""Actions that need a whole recording."""
 
 CHECKED_VIEWS = 6
 """Views on disk after which a capture is checked: fewer pairs are no evidence. Chosen."""
@@ -242,7 +236,6 @@ class CaptureApplication(PageController):
     ) -> None:
         super().__init__(integration, folder, scene, tabs)
         self._feed, self._chosen = feed, settings
-        self._shown: Shown | None = None
         self._frames = LiveFrames(LiveFlattening(integration, feed).newest)
         self._lock = threading.Lock()
         self._guided: GuidedCapture | None = None
@@ -388,8 +381,8 @@ class CaptureApplication(PageController):
         shown = self._frames.after(request.path_params["after"])
         if shown is None:
             return None
-        if shown is not self._shown:
-            self._shown, self.picture = shown, shown.picture
+        if shown.picture is not self.picture:
+            self.picture = shown.picture
             self._put(None, self.report if self._frames.playing else self.publish)
         picture = shown.picture
         info = sent.FrameInfo(sequence=shown.sequence, reason=shown.reason)
@@ -421,8 +414,7 @@ class CaptureApplication(PageController):
                 if playing:
                     self._frames.play()
                 else:
-                    # A frame flattened ahead must not appear after the pause.
-                    self._frames.hold(None if self._shown is None else self._shown.sequence)
+                    self._frames.hold()
                 self.publish()
             case messages.PickAt(u_m=u, v_m=v, revision=revision):
                 self._picks.add(self._held(revision), u, v)
@@ -431,20 +423,17 @@ class CaptureApplication(PageController):
                 raise IllegalDecisionError(ONLY_A_CAMERA)
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
-        shown = self._shown
-        points_m = self.scene.visible_points()
-        if shown is not None and self._picks.add_on_ray(shown.picture, points_m, origin_m, direction):
-            self._held(shown.sequence)
+        picture, points_m = self.picture, self.scene.visible_points()
+        if picture is not None and self._picks.add_on_ray(picture, points_m, origin_m, direction):
+            self._held(picture.revision)
             self.publish()
 
     def _held(self, sequence: int | None) -> Picture:
-        """Pause at the clicked frame, and return it."""
-        if sequence is None and self._shown is not None:
-            sequence = self._shown.sequence
+        """Pause at the clicked frame, or at the last one, and return it."""
         shown = self._frames.hold(sequence)
         if shown is None or shown.picture is None:
             raise FlatclothError("This frame shows no cloth to pick; wait for the next one.")
-        self._shown, self.picture = shown, shown.picture
+        self.picture = shown.picture
         return shown.picture
 
     def act(self, action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> None:
@@ -592,7 +581,7 @@ def _allowed(action: Action, status: sent.CaptureStatus) -> Action:
     """Return an action with the reason why a camera's page does not allow it now."""
     if action.name in status.why_not:
         return structs.replace(action, why_not=status.why_not[action.name])
-    return structs.replace(action, why_not=_NOT_WITH_A_CAMERA.get(action.name, action.why_not))
+    return structs.replace(action, why_not=_NO_RECORDING if action.name in _OF_RECORDINGS else action.why_not)
 
 
 def _picture(view: TakenView) -> bytes:
