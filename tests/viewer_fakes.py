@@ -166,6 +166,9 @@ class CylinderIntegration:
     def cloth(self, _document: Document) -> None:
         """The paper's method does not know how its shape hangs together."""
 
+    def laid_out(self, document: Document) -> Canonical:
+        return self.canonical(document)
+
     def overlay(self, document: Document) -> FlattenedView:
         pending = document.pending
         if pending not in self._overlays:
