@@ -365,7 +365,7 @@ class PageController(ABC):
 
     def tell(self, client: int | None, level: sent.NoteLevel, text: str) -> None:
         """Notify a tab, or (None) all, with the state, whose log keeps it; on the page's own thread."""
-        note = self._note(level, text)
+        note = sent.Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
         if client is None:
             self._log = (*self._log, note)[-MESSAGES_KEPT:]
             try:
@@ -374,9 +374,6 @@ class PageController(ABC):
             except Exception:  # noqa: BLE001 - logged only, as a message would publish the state again
                 _log.exception("the state of the page cannot be published")
         self.tabs.tell(client, note)
-
-    def _note(self, level: sent.NoteLevel, text: str) -> sent.Note:
-        return sent.Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         # A click on the background changes nothing.
