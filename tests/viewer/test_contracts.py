@@ -256,8 +256,8 @@ def test_what_is_not_shown_any_more_is_gone(server) -> None:
     with Tab(server) as tab:
         tab.proposed()
     for path, code in (
-        ("layers/99999/color.png", 204), ("overlay/99999.png", 204), ("difference/99999-99999/color.png", 204),
-        ("other/99/color.png", 204), ("diagnostics/99999-99999.json", 410), ("source/0/states-99999.png", 410),
+        ("layers/9999/color.png", 204), ("overlay/9999.png", 204), ("difference/9999-9999/color.png", 204),
+        ("other/99/color.png", 204), ("diagnostics/9999-9999.json", 410), ("source/0/states-9999.png", 410),
     ):  # fmt: skip
         assert get(server, f"/{path}").status_code == code, path
 

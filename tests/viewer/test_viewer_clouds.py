@@ -59,9 +59,9 @@ def test_a_chosen_layer_has_the_colours_of_the_page_in_space_too(picture: Pictur
     found = clouds_of(picture, AXIS, N, "source")
     for name, view in ((HELD, 0), (PROPOSAL, 1)):
         assert (found[name].colors == view_colors(N)[view]).all()
-    found = clouds_of(picture, AXIS, N, "height")[HELD].colors
+    colors = clouds_of(picture, AXIS, N, "height")[HELD].colors
     expected = rgba(picture.view, "height", AXIS, N)[picture.view.valid][:, :3]
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(colors, expected)
 
 
 @pytest.fixture
