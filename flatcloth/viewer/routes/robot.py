@@ -15,9 +15,9 @@ import contextlib
 import json
 import threading
 import time
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -54,6 +54,7 @@ from flatcloth.viewer.protocol.robot import (
 )
 from flatcloth.viewer.protocol.sent import encoded, typed
 
+T = TypeVar("T")
 _ROTATIONS_KEPT = 16
 """Most rotations for which the poses are kept. Chosen: more than robots listen at once; it bounds memory."""
 
@@ -241,52 +242,62 @@ def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
     def pick(request: Request, proposed: ProposedPick) -> dict[str, Any]:
         return answers.propose(proposed, http.rotation_of(request))
 
+    bridge = RosBridge(answers)
     return [
         http.get("/robot/shape", lambda _: answers.shape()),
         http.get("/robot/grasps", lambda request: answers.page.grasps(http.rotation_of(request))),
         http.post("/robot/pick", ProposedPick, pick, hint="See /robot/schema.json."),
         http.get("/robot/schema.json", lambda _: schema()),
         events_route(answers.events),
+        pushed("/robot/rosbridge", _Client, bridge.news, bridge.answer),
     ]
 
 
 def events_route(events: Callable[[Told], Iterable[RobotEvent]]) -> WebSocketRoute:
     """Return the route that pushes the events that a client has not received yet."""
+    return pushed("/robot/events", Told, events)
+
+
+def pushed(
+    path: str,
+    client_of: Callable[[float | None], T],
+    news: Callable[[T], Iterable[object]],
+    hear: Callable[[T, str], object] = lambda _client, _text: None,
+) -> WebSocketRoute:
+    """Return a route of sockets: a client is sent what is new, as JSON, until it leaves.
+
+    ``client_of`` makes a client of the rotation in its address. ``hear`` gets its messages, and returns the
+    answer, None: no answer. ``news`` and ``hear`` are called on threads.
+    """
 
     async def serve(robot: WebSocket) -> None:
         await robot.accept()
         try:
-            told = Told(rotation_deg=http.rotation_of(robot))
+            client = client_of(http.rotation_of(robot))
         except FlatclothError as error:
             await robot.close(1008, str(error))
             return
-        await push(robot, lambda: [encoded(event).decode() for event in events(told)])
 
-    return WebSocketRoute("/robot/events", serve)
+        async def listen() -> None:
+            while (said := await robot.receive())["type"] != "websocket.disconnect":
+                answer = await run_in_threadpool(hear, client, said.get("text") or "")
+                if answer is not None:
+                    await robot.send_text(encoded(answer).decode())
 
+        listening = asyncio.create_task(listen())
+        try:
+            while not listening.done():
+                for event in await run_in_threadpool(lambda: list(news(client))):
+                    await robot.send_text(encoded(event).decode())
+                await asyncio.wait([listening], timeout=POLL_S)
+        except WebSocketDisconnect:
+            pass
+        finally:
+            listening.cancel()
+            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect):
+                await listening
 
-async def push(
-    robot: WebSocket, news: Callable[[], list[str]], hear: Callable[[str], Awaitable[None]] | None = None
-) -> None:
-    """Send what is new until the client leaves; ``hear`` is called with each of its messages."""
-
-    async def listen() -> None:
-        while (said := await robot.receive())["type"] != "websocket.disconnect":
-            if hear is not None:
-                await hear(said.get("text") or "")
-
-    listening = asyncio.create_task(listen())
-    try:
-        while not listening.done():
-            for text in await run_in_threadpool(news):
-                await robot.send_text(text)
-            await asyncio.wait([listening], timeout=POLL_S)
-    except WebSocketDisconnect:
-        pass
-    finally:
-        listening.cancel()
-        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect):
-            await listening
+    return WebSocketRoute(path, serve)
 
 
 # --- rosbridge -------------------------------------------------------------------------------------
@@ -451,23 +462,7 @@ class RosBridge:
     def __init__(self, answers: RobotAnswers) -> None:
         self._answers = answers
 
-    async def serve(self, socket: WebSocket) -> None:
-        """Serve one client until it leaves."""
-        await socket.accept()
-        try:
-            client = _Client(http.rotation_of(socket))
-        except FlatclothError as error:
-            await socket.close(1008, str(error))
-            return
-
-        async def hear(text: str) -> None:
-            answer = await run_in_threadpool(self._answer, text, client)
-            if answer is not None:
-                await socket.send_text(encoded(answer).decode())
-
-        await push(socket, lambda: self._news(client), hear)
-
-    def _answer(self, text: str, client: _Client) -> dict[str, Any] | None:
+    def answer(self, client: _Client, text: str) -> dict[str, Any] | None:
         """Carry out an operation; return the answer to the client, None: no answer."""
         try:
             if len(text) > http.MAX_BODY_BYTES:
@@ -505,7 +500,7 @@ class RosBridge:
         pick = msgspec.convert(request.args or {}, ProposedPick)
         return self._answers.propose(pick, client.rotation_deg)
 
-    def _news(self, client: _Client) -> list[str]:
+    def news(self, client: _Client) -> list[dict[str, Any]]:
         """Return the messages of the client's topics whose content has changed since the last."""
         present = self._answers.present(client.rotation_deg)
         if present is None:
@@ -514,7 +509,7 @@ class RosBridge:
             parts = {name: TOPICS[name].part(present) for name in client.sent}
             changed = [name for name, part in parts.items() if part != client.sent[name]]
             client.sent = parts
-        return [encoded(self._published(name, present)).decode() for name in changed]
+        return [self._published(name, present) for name in changed]
 
     def _published(self, name: str, present: Shown) -> dict[str, Any]:
         page = self._answers.page

@@ -36,7 +36,7 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import check_routes, layer_routes, source_routes
-from flatcloth.viewer.routes.robot import RobotAnswers, RosBridge, robot_routes
+from flatcloth.viewer.routes.robot import RobotAnswers, robot_routes
 from flatcloth.viewer.scene.scene import Scene
 
 MAX_HAND_EYE_BYTES = 65536
@@ -79,7 +79,7 @@ class Workspace:
         page: PageController = controller(self.scene, self.hub)
         self.application, self.scene.on_ray = page, page.click_ray
         page.base_from_camera = opened.base_from_camera
-        self.exports, robot = ExportRoutes(page), RobotAnswers(page)
+        self.exports = ExportRoutes(page)
         self.router = Router(
             redirect_slashes=False,  # they would name the host that a proxy has set
             routes=[
@@ -91,8 +91,7 @@ class Workspace:
                 Route("/export/{name}", self.exports.serve),
                 Route("/teaching/{part}", TeachingRoutes(page).serve),
                 *page.routes(),
-                *robot_routes(robot),
-                WebSocketRoute("/robot/rosbridge", RosBridge(robot).serve),
+                *robot_routes(RobotAnswers(page)),
                 WebSocketRoute("/ws", self._messages),
                 Route("/ws", _no_socket, methods=["GET", "POST"]),
                 WebSocketRoute("/viser", lambda browser: relay(browser, lambda: self.scene.path)),
