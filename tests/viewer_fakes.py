@@ -237,7 +237,9 @@ class CylinderIntegration:
 
 
 class MemoryFolder:
-    """What a session folder does, without a disk."""
+    """What a session folder does, without a disk; settings and grips are in memory, too."""
+
+    folder, take_notices = None, tuple
 
     def __init__(self, n_views: int = 12) -> None:
         self.state = SessionState(n_views=n_views)

@@ -70,8 +70,7 @@ class PageController(ABC):
 
     def __init__(self, integration: Integration, folder: SessionFolder, scene: Scene, tabs: Hub) -> None:
         self.integration, self.folder, self.scene, self.tabs = integration, folder, scene, tabs
-        # A session in memory has its settings in memory too.
-        self.place: Path | None = getattr(folder, "folder", None)
+        self.place: Path | None = folder.folder
         self.settings = SettingsStore(self.place, Settings(auto_threshold=integration.accept_score))
         self._auto = AutoInfo()
         self._log: tuple[sent.Note, ...] = ()
@@ -215,8 +214,7 @@ class PageController(ABC):
         except BaseException as error:  # noqa: BLE001 - reported and logged
             _log.exception("a command failed")
             self.tell(client, "error", f"Unexpected error: {error!r:.300}. See the terminal.")
-        take_notices = getattr(self.folder, "take_notices", tuple)
-        for text in take_notices():
+        for text in self.folder.take_notices():
             self.tell(None, "warning", text)
 
     def draw_again(self) -> None:  # noqa: B027 - frames of a camera are drawn again anyway
