@@ -4,6 +4,8 @@ import contextlib
 import io
 import json
 import time
+from functools import reduce
+from operator import or_
 from typing import Any
 
 import cv2
@@ -80,7 +82,7 @@ class Tab:
             message = self.state = {**self.state, **message}  # only what differs is sent
         elif message["type"] == "note":
             self.notes.append(message)
-        msgspec.convert(message, type=ServerMessage)
+        msgspec.convert(message, type=reduce(or_, ServerMessage.__subclasses__()))
         return message
 
     def until(self, found):

@@ -14,7 +14,6 @@ import numpy as np
 from flatcloth.core.config import Config
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
-from flatcloth.engine.live import LiveFrame
 from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.answers import AlignmentScore, Canonical
@@ -109,11 +108,9 @@ class CylinderIntegration:
         self.views = self
         self.recording = CylinderRecording()
         self.config = Config()
-        self.planning = self.config.planning
         self.method = "paper"
         self.accept_score = self.config.alignment.accept_agreement
         self.axis = self.recording.rotation_axis
-        self.held_point_m = CENTER_M
         self.finds_sides = False
         self.notes = ("No masks: <i>a note</i>.",)
         self.scores = scores
@@ -154,11 +151,6 @@ class CylinderIntegration:
 
     def segment(self, _strokes: Any, _progress: Progress) -> None:
         """The recording has masks."""
-
-    def flattening(self, _view_index: int) -> Any:
-        return SimpleNamespace(
-            levels=(SimpleNamespace(energy=(1.0, 0.1, 0.01)), SimpleNamespace(energy=(0.02, 0.001)))
-        )
 
     def canonical(self, document: Document) -> Canonical:
         key = (document.start_view, document.accepted)
@@ -241,27 +233,10 @@ class CylinderIntegration:
         return Proposed(request.token, view, Rigid2(), Side.LEFT, self.scores, also=self.also)
 
 
-class CylinderCamera:
-    """Flattens exactly and at once; each frame shows the cylinder turned by one more view.
-
-    ``errors`` are raised in the place of frames, by their number; ``asked`` is how many were wanted.
-    """
-
-    def __init__(self, integration: CylinderIntegration) -> None:
-        self._integration = integration
-        self.errors: dict[int, Exception] = {}
-        self.asked = 0
-
-    def newest(self) -> LiveFrame:
-        frame, self.asked = self.asked, self.asked + 1
-        if frame in self.errors:
-            raise self.errors[frame]
-        made, view = self._integration, frame % 12
-        return LiveFrame(view=cylinder_view({view: made._held_angle(view)}), cloud=made.cloud(view))
-
-
 class MemoryFolder:
-    """What a session folder does, without a disk."""
+    """What a session folder does, without a disk; settings and grips are in memory, too."""
+
+    folder, take_notices = None, tuple
 
     def __init__(self, n_views: int = 12) -> None:
         self.state = SessionState(n_views=n_views)

@@ -273,10 +273,8 @@ def axis_by_hand(
     Raises
     ------
     FlatclothError
-        If the angle is not finite, or the pick is not on the shape or on too small a part of it.
+        If the pick is not on the shape, or on too small a part of it.
     """
-    if not math.isfinite(angle_deg):
-        raise FlatclothError("The angle of the grip's axis is not a number; give degrees.")
     _, tangent = _patch_of(view, np.asarray(position_held_m, dtype=np.float64))
     if tangent is None:
         raise FlatclothError(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import msgspec
 
-from flatcloth.core.decoding import Vector3
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import finite
 from flatcloth.grasping.grasps import OPENING_RANGE_M, GraspPose, Grip
@@ -21,23 +21,20 @@ FORMAT: Literal["flatcloth-grips/1"] = "flatcloth-grips/1"
 _REMEDY = "Delete it: all grips then follow the outline."
 
 
-class _Grip(msgspec.Struct, frozen=True):
-    axis_held: Vector3 | None
-    opening_m: Annotated[float, msgspec.Meta(ge=OPENING_RANGE_M[0], le=OPENING_RANGE_M[1])]
-
-    def checked(self) -> Grip:
-        if self.axis_held is None:
-            return Grip(opening_m=self.opening_m)
-        x, y, z = self.axis_held
-        length = math.hypot(x, y, z)
-        if not (math.isfinite(length) and length > 0.5):
-            raise ValueError("an axis has no direction")
-        return Grip(axis_held=(x / length, y / length, z / length), opening_m=self.opening_m)
-
-
 class _File(msgspec.Struct, frozen=True):
     format: Literal["flatcloth-grips/1"]
-    grips: dict[str, _Grip]
+    grips: dict[str, Grip]
+
+
+def _checked(grip: Grip) -> Grip:
+    check_opening_m(grip.opening_m)
+    if grip.axis_held is None:
+        return grip
+    x, y, z = grip.axis_held
+    length = math.hypot(x, y, z)
+    if not (math.isfinite(length) and length > 0.5):
+        raise ValueError("an axis has no direction")
+    return replace(grip, axis_held=(x / length, y / length, z / length))
 
 
 def read_grips(folder: Path) -> dict[int, Grip]:
@@ -50,8 +47,8 @@ def read_grips(folder: Path) -> dict[int, Grip]:
     """
     kept = read_kept(folder / FILE, _File, _REMEDY)
     try:
-        return {} if kept is None else {int(key): grip.checked() for key, grip in kept.grips.items()}
-    except ValueError as error:
+        return {} if kept is None else {int(key): _checked(grip) for key, grip in kept.grips.items()}
+    except (ValueError, FlatclothError) as error:
         raise FlatclothError(f"{folder / FILE}: damaged ({error}). {_REMEDY}") from error
 
 
@@ -101,8 +98,7 @@ class GripStore:
 
     def _write(self, grips: dict[int, Grip]) -> None:
         if self._folder is not None:
-            table = {str(key): _Grip(grip.axis_held, grip.opening_m) for key, grip in sorted(grips.items())}
-            write_kept(self._folder / FILE, _File(FORMAT, table))
+            write_kept(self._folder / FILE, _File(FORMAT, {str(key): grips[key] for key in sorted(grips)}))
         self._grips = grips
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -15,33 +14,18 @@ _SHADES = (-0.15, 0.5, 0.1, -0.4, 0.3)
 """Neighbouring views are mixed with so much black (below 0) or white, to differ also without hue. Chosen."""
 
 
+MAPS = {"sequential": "cmocean:deep_r", "loss": "cmocean:matter", "diverging": "colorcet:CET_D1A"}
+"""The maps for scalar layers, chosen for even steps in Oklab (B. Ottosson, 2020), by their names in cmap's
+catalog; ``loss`` is for quantities that should be small."""
+
+
 @cache
-def _table(name: str) -> Uint8:
-    """Return the (256, 3) sRGB colours of a map of cmap, which loads with the first of them."""
+def color_table(name: str) -> Uint8:
+    """Return the (256, 3) sRGB colours of one of ``MAPS``, or of cmap, which loads with the first of them."""
     import cmap
 
-    table: Uint8 = np.rint(255 * cmap.Colormap(name).lut(_SIZE)[:, :3]).astype(np.uint8)
+    table: Uint8 = np.rint(255 * cmap.Colormap(MAPS.get(name, name)).lut(_SIZE)[:, :3]).astype(np.uint8)
     return table
-
-
-@dataclass(frozen=True)
-class ColorMap:
-    """A map by its name in cmap's catalog."""
-
-    name: str
-
-    def table(self) -> Uint8:
-        """Return the (256, 3) sRGB colours."""
-        return _table(self.name)
-
-
-MAPS: dict[str, ColorMap] = {
-    "sequential": ColorMap("cmocean:deep_r"),
-    "loss": ColorMap("cmocean:matter"),
-    "diverging": ColorMap("colorcet:CET_D1A"),
-}
-"""The maps for scalar layers, chosen for even steps in Oklab (B. Ottosson, 2020); ``loss`` is for quantities
-that should be small."""
 
 
 def piece_color(piece: int) -> Uint8:
@@ -58,7 +42,7 @@ def view_colors(n_views: int) -> Uint8:
     the lightness alternates, so that neighbours differ also without hue.
     """
     index: Float64 = np.arange(n_views, dtype=np.float64)
-    hues = _table("cmocean:phase")[np.rint(index / max(n_views, 1) * (_SIZE - 1)).astype(np.intp)]
+    hues = color_table("cmocean:phase")[np.rint(index / max(n_views, 1) * (_SIZE - 1)).astype(np.intp)]
     shade = np.array(_SHADES)[np.arange(n_views) % len(_SHADES), None]
     mixed = hues + np.abs(shade) * (np.where(shade > 0, 255, 0) - hues.astype(np.float64))
     colors: Uint8 = np.rint(mixed).astype(np.uint8)

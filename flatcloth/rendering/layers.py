@@ -11,7 +11,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import height_m
 from flatcloth.core.types import Bool, FlattenedView, Float32, Floats, RotationAxis, Uint8
 from flatcloth.flattening.resampling import sample
-from flatcloth.rendering.colormaps import MAPS, apply_table, view_colors
+from flatcloth.rendering.colormaps import apply_table, color_table, view_colors
 
 LayerName = Literal[
     "color", "height", "z_angle", "source", "stretch", "incidence", "density", "place", "truth"
@@ -122,10 +122,7 @@ def png(image: Uint8) -> bytes:
     # Run-length encoding alone is faster than matching, and smaller for flat layers and camera noise.
     fast = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
     code = cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR
-    done, data = cv2.imencode(".png", cv2.cvtColor(image, code), fast)
-    if not done:
-        raise FlatclothError("A layer could not be encoded as PNG; see the log.")
-    return bytes(data)
+    return bytes(cv2.imencode(".png", cv2.cvtColor(image, code), fast)[1])
 
 
 def layer_range(view: FlattenedView, layer: str, axis: RotationAxis) -> tuple[float, float]:
@@ -159,7 +156,7 @@ def _values(view: FlattenedView, layer: str, axis: RotationAxis) -> Floats | Non
 
 
 def _colors(values: Floats, own_map: str, low: float, high: float, count: int = 256) -> Uint8:
-    table = MAPS[own_map].table()
+    table = color_table(own_map)
     table = table[np.linspace(0, len(table) - 1, count).round().astype(np.intp)]
     colors = apply_table(table, values, low, high)
     colors[~np.isfinite(values)] = _UNKNOWN
@@ -225,7 +222,7 @@ def _ramp(title: str, own_map: str, low: float, high: float) -> dict[str, Any]:
         "map": own_map,
         "low": low,
         "high": high,
-        "colors": ramp_colors(MAPS[own_map].table()),
+        "colors": ramp_colors(color_table(own_map)),
     }
 
 

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from urllib.parse import quote
 
 import msgspec
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
@@ -33,6 +34,8 @@ LOOK_S = 0.25
 """Interval at which a client that waits is checked for having left. Chosen."""
 DAY = "private, max-age=86400"
 """Cache-Control of pictures whose address changes when they do."""
+MAX_BODY_BYTES = 10_000
+"""Limit of a request's body. Chosen: far above what the page and a pick of a robot take."""
 _KEPT = 16
 """Packed answers that are kept. Chosen: more than one page has."""
 
@@ -61,6 +64,25 @@ def get(
         return as_json(request, data)
 
     return Route(path, answer)
+
+
+def post(
+    path: str,
+    kind: type[T],
+    make: Callable[[Request, T], Any],
+    most_bytes: int = MAX_BODY_BYTES,
+    hint: str = "",
+) -> Route:
+    """Return a route: what ``make`` returns on a thread for a body of a type is sent as JSON.
+
+    A body that is none is refused with the ``hint``; see :func:`read_json`.
+    """
+
+    async def answer(request: Request) -> Response:
+        said = await read_json(request, kind, most_bytes, hint)
+        return as_json(request, await run_in_threadpool(make, request, said))
+
+    return Route(path, answer, methods=["POST"])
 
 
 def as_json(request: Request, values: Any) -> Response:

@@ -82,23 +82,15 @@ class Places:
             "root": None if self._root is None else shown(self._root.name or str(self._root)),
         }
 
-    def place_of(self, folder: Path | None) -> dict[str, str] | None:
-        """Return kind and name by which a session's folder can be opened again; None: it is not offered."""
-        if folder is None:
-            return None
-        found = folder.resolve()
-        for own, _, _ in self._sessions():
-            if own.resolve() == found:
-                return {"kind": "session", "name": shown(own.name)}
-        if self._root is not None and found.is_relative_to(self._root):
-            return {"kind": "folder", "name": shown(found.relative_to(self._root).as_posix())}
-        return None
-
     def remember(self, folder: Path | None) -> None:
         """List a session whose folder is elsewhere among the user's own, by a link to it."""
-        if folder is None or not self._own or self.place_of(folder) is not None:
+        if folder is None or not self._own:
             return
         target = folder.resolve()
+        if self._root is not None and target.is_relative_to(self._root):
+            return
+        if target in (own.resolve() for own, _, _ in self._sessions()):
+            return
         name = f"{target.name}-{hashlib.sha256(os.fsencode(target)).hexdigest()[:8]}"
         with contextlib.suppress(OSError):
             _sessions_folder().mkdir(parents=True, exist_ok=True)

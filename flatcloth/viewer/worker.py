@@ -74,14 +74,9 @@ def one_at_a_time(check: Callable[[], None]) -> Iterator[None]:
 
 
 class Worker:
-    """Runs jobs one after the other on a daemon thread.
+    """Runs jobs, which report their own errors, one after the other on a daemon thread."""
 
-    Jobs report their own errors; for one that fails nevertheless, ``on_fault`` is called on the thread,
-    which goes on with the next job.
-    """
-
-    def __init__(self, name: str, on_fault: Callable[[BaseException], None] = lambda _: None) -> None:
-        self._on_fault = on_fault
+    def __init__(self, name: str) -> None:
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -123,12 +118,8 @@ class Worker:
         while (job := self._jobs.get()) is not None:
             try:
                 job()
-            except BaseException as error:  # noqa: BLE001 - the thread must not die of a job
+            except BaseException:  # noqa: BLE001 - the thread must not die of a job
                 _log.exception("a job of the thread %s failed", self._thread.name)
-                try:
-                    self._on_fault(error)
-                except Exception:  # noqa: BLE001 - nobody else would hear of it
-                    _log.exception("the thread %s could not recover", self._thread.name)
             job = None  # frees the arrays that it refers to
 
 

@@ -293,6 +293,15 @@ export type ClientMessage =
   | ShowOther
   | Decide;
 
+/** A notification for the operator; ``time_s`` counts from the epoch. */
+export interface Note {
+  type: "note";
+  id: number;
+  level: "error" | "info" | "warning";
+  text: string;
+  time_s: number;
+}
+
 /** The state of the page: what the mode does not have is None, or the default. */
 export interface PageState {
   type: "state";
@@ -469,15 +478,6 @@ export interface ListedPick {
 export interface Progress {
   share: number;
   text: string;
-}
-
-/** A notification for the operator; ``time_s`` counts from the epoch. */
-export interface Note {
-  type: "note";
-  id: number;
-  level: "error" | "info" | "warning";
-  text: string;
-  time_s: number;
 }
 
 /** The operator's settings, in the order of their dialog, which :data:`_DIALOG` describes. */
@@ -1023,8 +1023,8 @@ export interface Choice {
 
 /** Every message that the server sends as text. */
 export type ServerMessage =
-  | PageState
   | Note
+  | PageState
   | HoverAnswer
   | RayAnswer
   | Picked

@@ -39,18 +39,16 @@ def test_a_point_is_seen_by_the_views_that_it_faces(around_deg: float) -> None:
             assert visibility_in(CYLINDER[view], place) is Visibility.SEEN
 
 
-def test_a_point_that_turns_away_is_not_looked_for_in_the_depth() -> None:
+def test_what_turns_away_is_not_looked_for_and_without_a_normal_the_depth_tells_what_covers_it() -> None:
     point, normal = on_cylinder(0.0)
-    place = project(point, normal, AXIS, 180.0, CAMERA)
-    assert place.visibility is Visibility.AWAY
-    assert visibility_in(CYLINDER[ANGLES_DEG.index(180)], place) is Visibility.AWAY
-
-
-def test_without_a_normal_the_depth_tells_that_nearer_cloth_covers_it() -> None:
-    point, _ = on_cylinder(0.0)
-    place = project(point, np.full(3, np.nan), AXIS, 180.0, CAMERA)
-    assert place.visibility is Visibility.SEEN  # nothing speaks against it yet
-    assert visibility_in(CYLINDER[ANGLES_DEG.index(180)], place) is Visibility.COVERED
+    # Without a normal nothing speaks against it yet.
+    for known, expected, then in (
+        (normal, Visibility.AWAY, Visibility.AWAY),
+        (np.full(3, np.nan), Visibility.SEEN, Visibility.COVERED),
+    ):
+        place = project(point, known, AXIS, 180.0, CAMERA)
+        assert place.visibility is expected
+        assert visibility_in(CYLINDER[ANGLES_DEG.index(180)], place) is then
 
 
 def test_where_nothing_or_something_behind_was_measured_it_is_missed() -> None:

@@ -1,5 +1,6 @@
 """The page of a camera, headless: what tabs are told, and what a turntable may say over HTTP."""
 
+import io
 import json
 import threading
 import time
@@ -15,6 +16,8 @@ import pytest
 from page_tabs import WAIT_S, Tab, get, get_frame, post
 from scene_camera import SceneCamera, opened
 
+from flatcloth.core.parcel import unpack
+from flatcloth.engine import live
 from flatcloth.recordings import open_recording
 from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
 from flatcloth.viewer.server.app import PageServer
@@ -178,6 +181,30 @@ def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
         told = robot.until(lambda s: any("another unit" in text for text in s["warnings"]))
         assert any("--depth-factor 10" in text for text in told["warnings"])
     session.close()
+
+
+def test_a_frame_without_cloth_says_why_and_an_unexpected_error_also_holds_it(
+    server: PageServer, camera: SceneCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def next_reason(after: int) -> tuple[int, str]:
+        frame, _ = unpack(io.BytesIO(get(server, f"/capture/frame/{after}").content).read)
+        return frame["sequence"], frame["reason"]
+
+    first = get_frame(server)["sequence"]
+    assert get_frame(server)["sequence"] == first, "another tab gets the same"
+    for breaks, told, plays in (
+        (lambda: setattr(camera, "empty", True), "sees no item", True),
+        (lambda: monkeypatch.setattr(live, "check_frame", lambda _: 1 / 0), "division by zero", False),
+    ):
+        breaks()
+        for _ in range(100):
+            first, reason = next_reason(first)
+            if reason:
+                break
+        assert told in reason
+        assert Robot(server).status()["playing"] is plays
+        camera.empty = False
+        first = get_frame(server, first)["sequence"] if plays else first
 
 
 def test_a_click_pauses_and_picks_on_the_frame_that_was_seen(server: PageServer) -> None:

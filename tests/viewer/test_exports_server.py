@@ -190,10 +190,10 @@ def test_an_export_is_given_up_when_its_client_leaves(unchanged: PageServer, slo
 
 def test_a_hand_eye_file_that_the_page_sends_gives_poses_in_the_robots_frame(server: PageServer) -> None:
     matrix = [[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0.2], [0, 0, 0, 1]]
-    wrong = (b"no json", "is not JSON"), (b"{}", "no format"), (b"x" * 10**5, "longer")
-    for content, said in wrong:
+    wrong = (b"no json", 400, "malformed"), (b"{}", 409, "no format"), (b"x" * 10**5, 400, "longer")
+    for content, status, said in wrong:
         refused = post(server, "/hand-eye", content=content)
-        assert (refused.status_code, said in refused.json()["error"]) == (400, True)
+        assert (refused.status_code, said in refused.json()["error"]) == (status, True)
     file = {"format": "flatcloth-hand-eye/1", "base_from_camera": matrix}
     with Tab(server) as tab:
         tab.state_where(lambda s: s["layers"])  # the session that was opened is drawn

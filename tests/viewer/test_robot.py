@@ -147,7 +147,7 @@ def test_what_ros_cannot_have_is_refused_in_words(server: PageServer, said: Any,
         ({"uv_m": [500.0, 0.0]}, 409, "mm away"),
         ({"position_m": [0.0, 0.0, 0.0]}, 409, "mm away"),
         ({"point": "third_sleeve"}, 409, "third_sleeve"),
-        ({"uv_m": [0.0, 0.0], "revision": 99}, 409, "revision 99"),
+        ({"uv_m": [0.0, 0.0], "revision": 99999}, 409, "revision 99999"),
         ({"uv_m": [0.0, 0.0], "speed": 1}, 400, "speed"),
         ({"uv_m": [1e9, 0.0]}, 400, "1000"),
     ],
@@ -165,7 +165,8 @@ def test_a_pick_without_a_place_on_the_shown_shape_is_refused(
 @pytest.mark.parametrize("path", ["/robot/grasps", "/robot/pick", "/export/grasps.json"])
 def test_a_rotation_that_is_none_is_refused(server: PageServer, path: str) -> None:
     for rotation in ("left", "nan", "1e9"):
-        answer = (post if path.endswith("pick") else ask)(server, f"{path}?rotation={rotation}")
+        address = f"{path}?rotation={rotation}"
+        answer = post(server, address, json={}) if path.endswith("pick") else ask(server, address)
         assert answer.status_code == 400
         assert "number of degrees" in answer.text
     if path != "/robot/pick":

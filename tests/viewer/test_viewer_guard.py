@@ -1,7 +1,6 @@
 """What the page's server gives out, and to whom: files, sockets, ports and the token."""
 
 import contextlib
-import gc
 import io
 import logging
 import os
@@ -11,6 +10,7 @@ import socket
 import stat
 import subprocess
 import tempfile
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,6 +22,7 @@ import psutil
 import pytest
 import viser
 from page_tabs import WAIT_S, bearer, get, open_socket
+from starlette.applications import Starlette
 from viewer_fakes import CylinderIntegration, MemoryFolder
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 from websockets.sync.client import connect
@@ -169,30 +170,6 @@ def test_nobody_can_open_a_tunnel_or_send_files():
     assert handlers.keys().isdisjoint(
         {_messages.ShareUrlRequest, _messages.FileTransferStartUpload, _messages.FileTransferPart}
     )
-
-
-def test_a_client_that_does_not_speak_viser_s_language_leaves_one_line(server, caplog):
-    options = {"subprotocols": [f"viser-v{viser.__version__}"]}
-    with open_socket(server, "/viser", **options) as opened, contextlib.suppress(ConnectionClosed):
-        opened.send(b"\xc1")
-        for _ in opened:
-            pass
-    (line,) = [r for r in caplog.records if r.name == "websockets.server" and r.levelname == "ERROR"]
-    assert "not understood" in line.getMessage()
-    assert line.exc_info is None
-
-
-def test_a_message_that_viser_s_handlers_do_not_understand_leaves_one_line(server, caplog):
-    odd = {"type": "GuiUpdateMessage", "uuid": [], "updates": {}}
-    options = {"subprotocols": [f"viser-v{viser.__version__}"]}
-    with open_socket(server, "/viser", **options) as opened:
-        opened.send(msgspec.msgpack.encode(odd))
-        ends = time.monotonic() + WAIT_S
-        while not (lines := [r for r in caplog.records if r.name == "asyncio"]) and time.monotonic() < ends:
-            gc.collect()  # asyncio tells of a task when it is collected
-            time.sleep(0.02)
-    assert "not understood: TypeError" in lines[0].getMessage()
-    assert lines[0].exc_info is None
 
 
 def test_a_body_that_ends_early_leaves_no_traceback(server, caplog):
@@ -391,6 +368,36 @@ def received(connection: socket.socket, end: bytes) -> bytes:
         assert piece, data
         data += piece
     return data
+
+
+def test_an_answer_that_is_still_computed_ends_in_words_and_no_traceback(caplog):
+    begun, enough, told = threading.Event(), threading.Event(), []
+
+    def compute(_request):
+        begun.set()
+        enough.wait(20)
+        return b"late"
+
+    listening = socket.create_server(("127.0.0.1", 0))
+    server = limits.limited_server(Starlette(routes=[http.get("/slow", compute)]))
+    serving = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
+    serving.start()
+
+    def ask_slowly() -> None:
+        answer = httpx.get(f"http://127.0.0.1:{listening.getsockname()[1]}/slow", timeout=20)
+        told.append((answer.status_code, answer.text))
+
+    asking = threading.Thread(target=ask_slowly)
+    asking.start()
+    try:
+        assert begun.wait(10)
+        server.should_exit = True
+        asking.join(10)
+    finally:
+        enough.set()
+        serving.join(10)
+    assert told == [(503, "The program has ended.")]
+    assert [record for record in caplog.records if record.levelno >= logging.ERROR] == []
 
 
 def test_more_connections_than_there_is_room_for_are_closed(server, monkeypatch):

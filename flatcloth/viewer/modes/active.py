@@ -12,10 +12,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import BaseRoute, Route
+from starlette.routing import BaseRoute
 
 from flatcloth.active.choosing import FIRST, End, Next, Waiting
 from flatcloth.active.eye import CameraEye
@@ -293,22 +291,21 @@ def active_routes(
 ) -> list[BaseRoute]:
     """Return the routes; ``on_answer`` is called with each answer before it is sent."""
 
-    async def answered(request: Request, make: Callable[[float | None], dict[str, Any]]) -> Response:
-        answer = await run_in_threadpool(make, http.rotation_of(request))
+    def answered(answer: dict[str, Any]) -> dict[str, Any]:
         on_answer(answer)
-        return http.as_json(request, answer)
+        return answer
 
-    async def following(request: Request) -> Response:
-        return await answered(request, service.next)
-
-    async def view(request: Request) -> Response:
-        posted = await http.read_json(request, PostedView, MAX_BODY_BYTES)
+    def view(request: Request, posted: PostedView) -> dict[str, Any]:
+        rotation_deg = http.rotation_of(request)
+        if not posted.has_images:
+            return answered(service.look(posted.angle_deg, posted.number, rotation_deg))
         try:
-            seen = await run_in_threadpool(posted.view) if posted.has_images else None
+            seen = posted.view()
         except (ValueError, RecordingError) as error:
             raise http.RefusedError(f"The view was not read: {error}", 400) from error
-        if seen is None:
-            return await answered(request, lambda deg: service.look(posted.angle_deg, posted.number, deg))
-        return await answered(request, lambda deg: service.take(seen, posted.number, deg))
+        return answered(service.take(seen, posted.number, rotation_deg))
 
-    return [Route("/robot/next", following), Route("/robot/view", view, methods=["POST"])]
+    return [
+        http.get("/robot/next", lambda request: answered(service.next(http.rotation_of(request)))),
+        http.post("/robot/view", PostedView, view, MAX_BODY_BYTES),
+    ]

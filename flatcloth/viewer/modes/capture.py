@@ -27,7 +27,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import numpy as np
 from msgspec import structs
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -39,6 +38,7 @@ from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.cameras.guided_capture import GuidedCapture, TakenView, writer_for
 from flatcloth.checking.check import check_recording
+from flatcloth.checking.findings import Check
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Floats
 from flatcloth.engine.integration import Integration
@@ -46,24 +46,16 @@ from flatcloth.engine.live import LiveFlattening, LiveFrame, cloud_of
 from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 from flatcloth.recordings import open_recording
 from flatcloth.rendering import layers
-from flatcloth.rendering.colormaps import MAPS, apply_table
+from flatcloth.rendering.colormaps import apply_table, color_table
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import http
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol import messages, sent
 from flatcloth.viewer.protocol.actions import ONLY_A_CAMERA, Action, action_table
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import (
-    UV,
-    CapturedView,
-    CaptureStatus,
-    FrameInfo,
-    Grid,
-    ViewRow,
-    parcel_of,
-)
+from flatcloth.viewer.protocol.sent import UV, parcel_of
 
 if TYPE_CHECKING:
     from flatcloth.viewer.scene.scene import Scene
@@ -188,25 +180,17 @@ REFRAME_M = 0.15
 """If the item moves this far from the centre of the 3D view, the view is framed again."""
 
 _NO_RECORDING = "A camera shows one frame only; open the captured recording with view."
-_NOT_WITH_A_CAMERA = {
-    "teach": _NO_RECORDING,
-    "export": _NO_RECORDING,
-    "source_image": _NO_RECORDING,
-    "source_mask": _NO_RECORDING,
-    "source_states": _NO_RECORDING,
-}
-"""Why actions that need a whole recording are not allowed here."""
+_OF_RECORDINGS = ("teach", "export", "source_image", "source_mask", "source_states")
+"""Actions that need a whole recording."""
 
 CHECKED_VIEWS = 6
 """Views on disk after which a capture is checked: fewer pairs are no evidence. Chosen."""
 
 _NOT_BEGUN = "No capture is running; start one first."
 
-MAX_BODY_BYTES = 10_000
-"""Limit of a request's body. Chosen: far above what the page sends."""
 _WANTED = 'Send {"angle_deg": 20.0}, and "keep": false if an operator decides.'
-_HEARD = {"angle": "announce", "begin": "begin", "keep": "keep", "repeat": "repeat", "finish": "finish"}
-"""What a program may post, and the action that it is."""
+_HEARD = ("begin", "keep", "repeat", "finish")
+"""Actions that a program may post, besides an angle."""
 
 
 class _Announcement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -252,7 +236,6 @@ class CaptureApplication(PageController):
     ) -> None:
         super().__init__(integration, folder, scene, tabs)
         self._feed, self._chosen = feed, settings
-        self._shown: Shown | None = None
         self._frames = LiveFrames(LiveFlattening(integration, feed).newest)
         self._lock = threading.Lock()
         self._guided: GuidedCapture | None = None
@@ -339,8 +322,6 @@ class CaptureApplication(PageController):
                     reset_view = bool(gone and self.settings.now.follow)
                     self._framed_at = center if reset_view or self._framed_at is None else self._framed_at
             self.scene.see(points, colors, anew=reset_view)
-        except Exception:  # noqa: BLE001 - the next frame may work; the thread must continue
-            _log.exception("the cloud of a camera's frame could not be shown")
         finally:
             self._busy.clear()
 
@@ -348,16 +329,17 @@ class CaptureApplication(PageController):
         """Check the views on disk once there are enough, and again whenever they have doubled."""
         if kept >= max(CHECKED_VIEWS, 2 * self._checked_views):
             self._checked_views = kept
-            self.executor.put("work", self._check_kept)
+            folder = str(self._chosen.folder)
+            self.executor.compute(
+                "work", lambda: check_recording(open_recording(folder)), self._checked, "checking"
+            )
 
-    def _check_kept(self) -> None:
-        try:
-            found = check_recording(open_recording(str(self._chosen.folder))).findings
-        except FlatclothError as error:
-            self._put(None, partial(self.tell, None, "warning", str(error)))
-            return
-        self._doubts = tuple(finding.line for finding in found if finding.stops)
-        self._put(None, self.publish)
+    def _checked(self, found: Check | str) -> None:
+        if isinstance(found, str):
+            self.tell(None, "warning", found)
+        else:
+            self._doubts = tuple(finding.line for finding in found.findings if finding.stops)
+            self.publish()
 
     # --- the web server's threads ---------------------------------------------------------------
 
@@ -369,23 +351,28 @@ class CaptureApplication(PageController):
                 raise http.RefusedError("No view has been taken yet.", 404)
             return self.view_png
 
-        async def hear(request: Request) -> Response:
+        def done(
+            action: str, angle_deg: float | None = None, keeps_itself: bool = False
+        ) -> sent.CaptureStatus:
+            self.act(action, angle_deg, keeps_itself)
+            self._put(None, self.publish)
+            return self.status()
+
+        def hear(request: Request) -> Response:  # on a thread
             word = request.path_params["action"]
             if word not in _HEARD:
-                known = ", ".join(_HEARD)
+                known = ", ".join(("angle", *_HEARD))
                 raise http.RefusedError(f"Unknown address /capture/{word:.40}; choose one of {known}.", 404)
-            angle_deg, keeps_itself = None, False
-            if word == "angle":
-                said = await http.read_json(request, _Announcement, MAX_BODY_BYTES, _WANTED)
-                angle_deg, keeps_itself = said.angle_deg, said.keep
-            await run_in_threadpool(self.act, _HEARD[word], angle_deg, keeps_itself)
-            self._put(None, self.publish)
-            return http.as_json(request, await run_in_threadpool(self.status))
+            return http.as_json(request, done(word))
+
+        def announce(_request: Request, said: _Announcement) -> sent.CaptureStatus:
+            return done("announce", said.angle_deg, said.keep)
 
         return [
             http.get("/capture", lambda _: self.status()),
             http.get("/capture/view.png", view),
             http.get("/capture/frame/{after:int}", self._frame, "application/octet-stream", gone=None),
+            http.post("/capture/angle", _Announcement, announce, hint=_WANTED),
             Route("/capture/{action}", hear, methods=["POST"]),
         ]
 
@@ -394,13 +381,13 @@ class CaptureApplication(PageController):
         shown = self._frames.after(request.path_params["after"])
         if shown is None:
             return None
-        if shown is not self._shown:
-            self._shown, self.picture = shown, shown.picture
+        if shown.picture is not self.picture:
+            self.picture = shown.picture
             self._put(None, self.report if self._frames.playing else self.publish)
         picture = shown.picture
-        info = FrameInfo(sequence=shown.sequence, reason=shown.reason)
+        info = sent.FrameInfo(sequence=shown.sequence, reason=shown.reason)
         if picture is not None:
-            grid, pick_uv_m = Grid(**grid_of(picture.view)), self._pick_uv_m(picture)
+            grid, pick_uv_m = sent.Grid(**grid_of(picture.view)), self._pick_uv_m(picture)
             info = structs.replace(info, grid=grid, pick_uv_m=pick_uv_m)
         axis = self.integration.axis
         frame = {} if picture is None else {"frame": layers.rgba(picture.view, "color", axis, 1)}
@@ -427,8 +414,7 @@ class CaptureApplication(PageController):
                 if playing:
                     self._frames.play()
                 else:
-                    # A frame flattened ahead must not appear after the pause.
-                    self._frames.hold(None if self._shown is None else self._shown.sequence)
+                    self._frames.hold()
                 self.publish()
             case messages.PickAt(u_m=u, v_m=v, revision=revision):
                 self._picks.add(self._held(revision), u, v)
@@ -437,20 +423,17 @@ class CaptureApplication(PageController):
                 raise IllegalDecisionError(ONLY_A_CAMERA)
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
-        shown = self._shown
-        points_m = self.scene.visible_points()
-        if shown is not None and self._picks.add_on_ray(shown.picture, points_m, origin_m, direction):
-            self._held(shown.sequence)
+        picture, points_m = self.picture, self.scene.visible_points()
+        if picture is not None and self._picks.add_on_ray(picture, points_m, origin_m, direction):
+            self._held(picture.revision)
             self.publish()
 
     def _held(self, sequence: int | None) -> Picture:
-        """Pause at the clicked frame, and return it."""
-        if sequence is None and self._shown is not None:
-            sequence = self._shown.sequence
+        """Pause at the clicked frame, or at the last one, and return it."""
         shown = self._frames.hold(sequence)
         if shown is None or shown.picture is None:
             raise FlatclothError("This frame shows no cloth to pick; wait for the next one.")
-        self._shown, self.picture = shown, shown.picture
+        self.picture = shown.picture
         return shown.picture
 
     def act(self, action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> None:
@@ -523,7 +506,7 @@ class CaptureApplication(PageController):
 
     # --- the state --------------------------------------------------------------------------
 
-    def status(self) -> CaptureStatus:
+    def status(self) -> sent.CaptureStatus:
         """Return the status of the capture."""
         with self._lock:
             guided, state = self._guided, Capture(step_deg=0.0)
@@ -533,14 +516,14 @@ class CaptureApplication(PageController):
                 state, taken = guided.state, guided.taken
                 phase = state.phase.value
             if taken is not None:
-                view = CapturedView(
+                view = sent.CapturedView(
                     number=self._view_number,
                     angle_deg=state.target_deg,
                     frames=taken.frames,
                     noise_mm=round(taken.noise_mm, 2),
                     warnings=tuple(taken.warnings),
                 )
-            return CaptureStatus(
+            return sent.CaptureStatus(
                 camera=self._feed.camera.name,
                 camera_fps=round(self._camera_fps, 1),
                 playing=self._frames.playing,
@@ -565,7 +548,7 @@ class CaptureApplication(PageController):
     def _fields(self) -> dict[str, Any]:
         status = self.status()
         kept = tuple(
-            ViewRow(index=i, angle_deg=angle, state="accepted", why_not="It is on disk.")
+            sent.ViewRow(index=i, angle_deg=angle, state="accepted", why_not="It is on disk.")
             for i, angle in enumerate(status.kept_deg)
         )
         fields = super()._fields()
@@ -594,11 +577,11 @@ _ALLOWED = {
 """For actions of the page's table: the phase in which they are allowed, and the reason otherwise."""
 
 
-def _allowed(action: Action, status: CaptureStatus) -> Action:
+def _allowed(action: Action, status: sent.CaptureStatus) -> Action:
     """Return an action with the reason why a camera's page does not allow it now."""
     if action.name in status.why_not:
         return structs.replace(action, why_not=status.why_not[action.name])
-    return structs.replace(action, why_not=_NOT_WITH_A_CAMERA.get(action.name, action.why_not))
+    return structs.replace(action, why_not=_NO_RECORDING if action.name in _OF_RECORDINGS else action.why_not)
 
 
 def _picture(view: TakenView) -> bytes:
@@ -606,7 +589,7 @@ def _picture(view: TakenView) -> bytes:
     depth = view.depth_m
     measured = depth > 0
     low, high = np.percentile(depth[measured], [1, 90]) if measured.any() else (0.0, 1.0)
-    shaded = apply_table(MAPS["sequential"].table(), -depth, -float(high), -float(low))
+    shaded = apply_table(color_table("sequential"), -depth, -float(high), -float(low))
     shaded[~measured] = 128
     both = np.concatenate([view.color, shaded], axis=1)
     opaque = np.full((*both.shape[:2], 1), 255, dtype=np.uint8)

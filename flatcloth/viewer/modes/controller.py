@@ -28,24 +28,11 @@ from flatcloth.grasping.measuring import measure
 from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.hub import Hub
-from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol import messages, sent
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
-from flatcloth.viewer.protocol.picture import Picture, described, layers_of_shape
-from flatcloth.viewer.protocol.sent import (
-    UV,
-    AutoInfo,
-    HoverAnswer,
-    Measured,
-    Note,
-    NoteLevel,
-    PageState,
-    Picked,
-    Progress,
-    RayAnswer,
-    RecordingInfo,
-    ServerMessage,
-)
+from flatcloth.viewer.protocol.picture import Picture, described, layers_of
+from flatcloth.viewer.protocol.sent import UV, AutoInfo
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore
 from flatcloth.viewer.worker import Executor, Worker
 
@@ -83,21 +70,20 @@ class PageController(ABC):
 
     def __init__(self, integration: Integration, folder: SessionFolder, scene: Scene, tabs: Hub) -> None:
         self.integration, self.folder, self.scene, self.tabs = integration, folder, scene, tabs
-        # A session in memory has its settings in memory too.
-        self.place: Path | None = getattr(folder, "folder", None)
+        self.place: Path | None = folder.folder
         self.settings = SettingsStore(self.place, Settings(auto_threshold=integration.accept_score))
         self._auto = AutoInfo()
-        self._log: tuple[Note, ...] = ()
+        self._log: tuple[sent.Note, ...] = ()
         self._picks = PickStore(folder, integration, self._highlight)
         self.garments = GarmentService(integration)
         self.picture: Picture | None = None  # what is shown at present; immutable
-        self.lesson: Progress | None = None  # how far one is that is being made
+        self.lesson: sent.Progress | None = None  # how far one is that is being made
         self.base_from_camera: Rigid3 | None = None  # with it, poses are also in the frame of the robot
         self._note_ids = itertools.count(1)
         self._newest: dict[tuple[int, type[messages.Said]], int] = {}  # the last question of each tab
         self._revision, self._published_at_s, self._reported = 0, 0.0, ""
-        self.last_state: PageState | None = None  # what was sent last
-        self._front = Worker("flatcloth-session", self._recover)
+        self.last_state: sent.PageState | None = None  # what was sent last
+        self._front = Worker("flatcloth-session")
         self.executor = Executor(partial(self._put, None))
         scene.in_background = partial(self.executor.put, "clouds")
 
@@ -117,10 +103,6 @@ class PageController(ABC):
     def grips(self) -> Mapping[int, Grip]:
         """The grips of picks for which the operator chose one."""
         return self._picks.book.grips
-
-    def both(self) -> GarmentService | None:
-        """Return the other side of the item if the page shows it."""
-        return None
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this mode."""
@@ -143,19 +125,9 @@ class PageController(ABC):
         """Process a click in the 3D scene, unless too many wait."""
         if self.is_swamped:
             return
-        self._put(None, lambda: self._click(origin_m, direction))
+        self._put(None, lambda: self._pick_on_ray(np.array(origin_m), np.array(direction)))
 
-    def _click(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
-        """Process a click; viser does not check the data of the browser."""
-        try:
-            ray = np.array([origin_m, direction], dtype=np.float64)
-        except (TypeError, ValueError):
-            ray = np.zeros((0, 3))
-        if ray.shape != (2, 3) or not np.isfinite(ray).all() or not ray[1].any():
-            raise FlatclothError("That click has no place in the scene; click again.")
-        self._pick_on_ray(ray[0], ray[1])
-
-    def pointed_at(self, hover: messages.Hover | messages.HoverRay) -> HoverAnswer | RayAnswer:
+    def pointed_at(self, hover: messages.Hover | messages.HoverRay) -> sent.HoverAnswer | sent.RayAnswer:
         """Describe what is under the pointer; fast, because it only reads the present picture."""
         if isinstance(hover, messages.HoverRay):
             return hit_by(self.picture, self.scene.visible_points(), hover)
@@ -239,24 +211,14 @@ class PageController(ABC):
         except FlatclothError as error:
             _log.warning("%s", error)
             self.tell(client, "error", str(error))
-        except Exception as error:  # noqa: BLE001 - reported and logged
+        except BaseException as error:  # noqa: BLE001 - reported and logged
             _log.exception("a command failed")
             self.tell(client, "error", f"Unexpected error: {error!r:.300}. See the terminal.")
-        take_notices = getattr(self.folder, "take_notices", tuple)
-        for text in take_notices():
+        for text in self.folder.take_notices():
             self.tell(None, "warning", text)
-
-    def _recover(self, error: BaseException) -> None:
-        """Report that the session's thread failed, and restart the session from its journal."""
-        note = self._note("error", f"The session had to restart ({error!r:.300}); all decisions are kept.")
-        self.tabs.tell(None, note)
-        self._restart()
 
     def draw_again(self) -> None:  # noqa: B027 - frames of a camera are drawn again anyway
         """Draw the shown document again: it is shown otherwise by what is known now."""
-
-    def _restart(self) -> None:  # noqa: B027 - modes without decisions need no restart
-        """Show the session again from its journal."""
 
     def _receive(self, client: int, message: messages.Message | messages.MessageError) -> None:
         match message:
@@ -296,7 +258,7 @@ class PageController(ABC):
     def _highlight(self, pick: Pick, uv_m: UV) -> None:
         """Let the tabs mark a new pick immediately, before its numbers and the scene are updated."""
         x, y, z = map(float, pick.position_held_m)
-        self.tabs.tell(None, Picked(id=pick.id, position_held_m=(x, y, z), side=pick.side, uv_m=uv_m))
+        self.tabs.tell(None, sent.Picked(id=pick.id, position_held_m=(x, y, z), side=pick.side, uv_m=uv_m))
 
     def _show_in_scene(self) -> None:
         """Show the picture in 3D, unless another follows until the scene has time for it."""
@@ -323,12 +285,12 @@ class PageController(ABC):
         if faces_away(current, self.integration.axis, picture.angle_deg):
             self._turn_to(current.view_index)
 
-    def _measured(self, asked: messages.Measure) -> Measured:
+    def _measured(self, asked: messages.Measure) -> sent.Measured:
         if self.picture is None:
             raise FlatclothError("Nothing is flattened yet, so nothing can be measured.")
         ends = np.array([[asked.from_u_m, asked.from_v_m], [asked.to_u_m, asked.to_v_m]])
         found = measure(self.picture.side(asked.sheet), ends[0], ends[1])
-        return Measured(
+        return sent.Measured(
             id=asked.id,
             flat_mm=1000 * found.flat_m,
             cloth_mm=1000 * found.cloth_m,
@@ -340,8 +302,8 @@ class PageController(ABC):
         self,
         client: int,
         asked: messages.Preview | messages.PreviewPoint,
-        make: Callable[[], ServerMessage],
-        refuse: Callable[[str], ServerMessage | None] = lambda _: None,
+        make: Callable[[], sent.ServerMessage],
+        refuse: Callable[[str], sent.ServerMessage | None] = lambda _: None,
     ) -> None:
         """Answer a question of a tab about what it drags, unless a newer one follows until then.
 
@@ -350,7 +312,7 @@ class PageController(ABC):
         kind, number = (client, type(asked)), asked.id
         self._newest[kind] = number
 
-        def take(made: ServerMessage | str) -> None:
+        def take(made: sent.ServerMessage | str) -> None:
             answer = refuse(made) if isinstance(made, str) else made
             if answer is not None:
                 self.tabs.tell(client, answer)
@@ -367,12 +329,12 @@ class PageController(ABC):
         return {
             "revision": self._revision,
             "method": integration.method,
-            "recording": RecordingInfo(
+            "recording": sent.RecordingInfo(
                 name=recording.name, description=recording.description, n_views=len(recording)
             ),
             "notes": tuple(integration.notes),
             "auto": self._auto,
-            "layers": None if picture is None else layers_of_shape(picture),
+            "layers": None if picture is None else layers_of(picture),
             "pick": self._picks.current_info(picture),
             "picks": self._picks.listed(picture),
             "lesson": self.lesson,
@@ -385,7 +347,7 @@ class PageController(ABC):
     def publish(self) -> None:
         """Send the present state to every tab; on the page's own thread."""
         self._revision, self._published_at_s = self._revision + 1, time.monotonic()
-        self.last_state = PageState(**self._fields())
+        self.last_state = sent.PageState(**self._fields())
         self.tabs.show(self.last_state)
 
     def report(self, about: str = "") -> None:
@@ -394,14 +356,14 @@ class PageController(ABC):
         if not is_same or time.monotonic() - self._published_at_s >= PROGRESS_INTERVAL_S:
             self.publish()
 
-    def tell_lesson(self, progress: Progress | None) -> None:
+    def tell_lesson(self, progress: sent.Progress | None) -> None:
         """Tell how far a lesson of the teaching mode is; None: none is made."""
         self.lesson = progress
         self.report("" if progress is None else progress.text)
 
-    def tell(self, client: int | None, level: NoteLevel, text: str) -> None:
+    def tell(self, client: int | None, level: sent.NoteLevel, text: str) -> None:
         """Notify a tab, or (None) all, with the state, whose log keeps it; on the page's own thread."""
-        note = self._note(level, text)
+        note = sent.Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
         if client is None:
             self._log = (*self._log, note)[-MESSAGES_KEPT:]
             try:
@@ -410,9 +372,6 @@ class PageController(ABC):
             except Exception:  # noqa: BLE001 - logged only, as a message would publish the state again
                 _log.exception("the state of the page cannot be published")
         self.tabs.tell(client, note)
-
-    def _note(self, level: NoteLevel, text: str) -> Note:
-        return Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         # A click on the background changes nothing.

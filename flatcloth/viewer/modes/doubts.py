@@ -32,8 +32,7 @@ from flatcloth.session.machine import Command, Reopen, TakePart
 from flatcloth.shape.joints import NEGLIGIBLE
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.modes.garment import GarmentController
-from flatcloth.viewer.modes.other_side import OtherSideController
+from flatcloth.viewer.modes.garment import GarmentController, OtherSideController
 from flatcloth.viewer.protocol.messages import Decide
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, outline_of, place_in_view
 from flatcloth.viewer.protocol.sent import UV, Choice, Doubt, DoubtsInfo, HeldByView

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,6 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Floats
-from flatcloth.engine.garment import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
@@ -39,20 +37,18 @@ from flatcloth.session.machine import (
     apply,
 )
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer import auto
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes import proposal
-from flatcloth.viewer.modes.controller import PROGRESS_INTERVAL_S, PageController
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.doubts import DoubtService
-from flatcloth.viewer.modes.garment import GarmentController
-from flatcloth.viewer.modes.other_side import OtherSideController
+from flatcloth.viewer.modes.garment import GarmentController, OtherSideController
 from flatcloth.viewer.modes.review import ReviewService, diagnostics_routes
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NO_CAMERA, command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture, of_session
 from flatcloth.viewer.protocol.sent import AutoInfo, NoteLevel, PreviewAnswer, Progress
-from flatcloth.viewer.worker import attempt, awaited
+from flatcloth.viewer.worker import attempt
 
 if TYPE_CHECKING:
     from flatcloth.viewer.scene.scene import Scene
@@ -115,10 +111,6 @@ class Application(PageController):
             *self._sides.routes(),
         ]
 
-    def both(self) -> GarmentService | None:
-        """Return the other side of the item if the page shows it."""
-        return None if self.other.made is None else self.other.both
-
     def start(self) -> None:
         """Show the session in its last state, and request the start view if there is none."""
         self._put(None, self._begin)
@@ -143,12 +135,6 @@ class Application(PageController):
             self._do(Propose())  # the program ended while later decisions followed
         else:
             self._settle()
-
-    def _restart(self) -> None:
-        self._work.cancel()
-        self._work.forget_picture()
-        self._auto = AutoInfo()
-        self._settle()
 
     def _take(self, client: int, message: messages.Message) -> None:
         match message:
@@ -261,7 +247,7 @@ class Application(PageController):
 
     def _by_hand(self, command: Command) -> None:
         # A decision by hand stops Auto, unless Auto waits for it.
-        self._auto = auto.after(self._auto, command)
+        self._auto = proposal.after(self._auto, command)
         self._do(command)
 
     def _do(self, command: Command | Event) -> None:
@@ -311,15 +297,15 @@ class Application(PageController):
 
     def _auto_step(self) -> None:
         running, settings = self._auto, self.settings.now
-        step = auto.next_step(self._state, running, settings, self.picture)
+        step = proposal.next_step(self._state, running, settings, self.picture)
         match step:
             case None:
                 return
-            case auto.Wait(text):
+            case proposal.Wait(text):
                 self._auto = AutoInfo(running=True, waits_for=text)
                 self._follow_garment()
                 self.tell(None, "warning", text)
-            case auto.End():
+            case proposal.End():
                 self.other.is_wanted = True
                 self._end_auto("info", step.text, step.by_choice)
             case Accept(view_index=view):
@@ -442,9 +428,10 @@ class SessionWork:
         # The request that is being answered, and a mark of that job: a cancelled one is no longer this.
         self._running: tuple[Request, object] | None = None
         self._asked: Document | None = None
-        # What will be asked for if the proposal is accepted, and its answer.
-        self._foreseen: tuple[SessionState, Future[Answer]] | None = None
-        # The last picture, even if it was never shown: revisions continue from it. Set by the worker only.
+        # The state if the proposal is accepted, and the picture of what follows then.
+        self._likely: SessionState | None = None
+        self._ahead: Picture | None = None
+        # The last picture, even if it was never shown: what has not changed is taken from it.
         self._made: Picture | None = None
         self.progress: Progress | None = None
 
@@ -454,18 +441,22 @@ class SessionWork:
 
     def forget_picture(self) -> None:
         """Draw the next picture again, even if its document is the same."""
-        self._asked = self._foreseen = None
+        self._asked = self._likely = self._ahead = None
 
     def follow(self, state: SessionState) -> None:
-        """Start the computation that a state needs, and cancel one that it no longer needs."""
+        """Start the computation that a state needs, and cancel one that it no longer needs.
+
+        An answer comes with its picture; otherwise the document is drawn.
+        """
         request, document = state.request, state.document
         if self._running is not None and self._running[0] != request:
             self.cancel()
-        if request is not None and self._running is None:
-            self._answer(state, request)
-        if document.start_view is None:
+        if request is not None:
+            if self._running is None:
+                self._answer(state, request)
+        elif document.start_view is None:
             self._asked = None
-        elif self._asked is not document and not (request is not None and self._ahead_of(state)):
+        elif self._asked is not document:
             self._asked = document
 
             def take(made: Picture | str) -> None:
@@ -481,27 +472,26 @@ class SessionWork:
             )
 
     def foresee(self, after: SessionState) -> None:
-        """Compute the answer to a likely state while the operator looks, so that it is there then."""
+        """Compute what follows in a likely state while the operator looks: then all of it is kept already."""
         request = after.request
-        if request is None or self._ahead_of(after) is not None:
+        if request is None or self._likely == after:
             return
+        self._likely = after
 
         def check(_share: float = 0.0, _text: str = "") -> None:
-            if self._ahead_of(after) is not made:
+            if self._likely is not after:
                 raise CancelledError  # the proposal was moved, or decided otherwise
 
-        def look() -> Answer:
-            check()
-            return self._computed(after, request, check)
+        def take(made: Answer | str) -> None:
+            self._ahead = None if isinstance(made, str) else made.picture
 
-        run, made = awaited(look)
-        self._foreseen = after, made
-        self._page.executor.put("ahead", run)
-
-    def _ahead_of(self, state: SessionState) -> Future[Answer] | None:
-        """Return the answer that was computed ahead, or is being computed, to a state."""
-        ahead = self._foreseen
-        return ahead[1] if ahead is not None and ahead[0] == state else None
+        self._page.executor.compute(
+            "ahead",
+            lambda: self._computed(after, request, check),
+            take,
+            "looking ahead",
+            lambda: self._likely is after,
+        )
 
     def answers(self, answer: Answer, after: SessionState) -> Picture | None:
         """Return the picture of an answer if it shows the present session."""
@@ -524,14 +514,7 @@ class SessionWork:
         def make() -> Answer:
             progress(0.0, "Starting")
             wait_until_compiled(progress, first=request.kind == "start" and self._is_first(state.document))
-            ahead = self._ahead_of(state)
-            while ahead is not None and not ahead.done():
-                wait([ahead], PROGRESS_INTERVAL_S)
-                progress(0.5, "placing the next view")
-            if ahead is not None and ahead.exception() is None:
-                made = ahead.result()
-            else:
-                made = self._computed(state, request, progress)
+            made = self._computed(state, request, progress)
             self._made = made.picture or self._made
             return made
 
@@ -592,5 +575,6 @@ class SessionWork:
 
     def _drawn(self, document: Document) -> Picture:
         page = self._page
-        laid, edge_m = page.other.laid(document), page.garments.edge_m
-        return make_picture(page.integration, document, self._made, laid, edge_m)
+        laid, edge_m, ahead = page.other.laid(document), page.garments.edge_m, self._ahead
+        before = ahead if ahead is not None and ahead.document == document else self._made
+        return make_picture(page.integration, document, before, laid, edge_m)

@@ -31,7 +31,7 @@ from flatcloth.methods.base import Views
 from flatcloth.methods.starting import components_by_area
 from flatcloth.recordings.mending import Mends
 from flatcloth.rendering import layers
-from flatcloth.rendering.colormaps import MAPS
+from flatcloth.rendering.colormaps import color_table
 from flatcloth.rendering.evidence import mistaken
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.segmentation.explanation import Slice
@@ -129,7 +129,7 @@ def planning_parcel(flattening: Flattening, plan: Plan) -> Parcel:
     values = {
         "flat": grid_of(view),
         "z_angle_span_deg": layers.Z_ANGLE_SPAN_DEG,
-        "z_angle_colors": MAPS["diverging"].table()[::4],
+        "z_angle_colors": color_table("diverging")[::4],
         "plan": plan,
     }
     edges = {f"edge_{side.value}": edge_uv_m(flattening, side) for side in Side}

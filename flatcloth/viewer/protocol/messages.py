@@ -45,7 +45,6 @@ StrokePixels = Annotated[
 StrokePlaces = Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, max_length=MAX_STROKE_POINTS)]
 """A line of places (u, v) of the flattened plane."""
 BrushRadius = Annotated[float, Meta(gt=0.0, le=MAX_BRUSH_M)]
-StrokeSide = Literal["this", "other"]
 SessionAction = Literal[
     "step", "view", "accept", "reject", "skip", "reopen", "undo", "redo", "cancel", "restart"
 ]
@@ -237,7 +236,7 @@ class Aim(Said, tag="aim", frozen=True, kw_only=True):
 class StrokeImage(Said, tag="stroke_image", frozen=True, kw_only=True):
     """Say which side the cloth under a stroke on the image of a view is; ``radius_m`` on the cloth."""
 
-    side: StrokeSide
+    side: SheetSide
     view_index: Count
     points_rc: StrokePixels
     radius_m: BrushRadius
@@ -246,7 +245,7 @@ class StrokeImage(Said, tag="stroke_image", frozen=True, kw_only=True):
 class StrokeShape(Said, tag="stroke_shape", frozen=True, kw_only=True):
     """Say which side the cloth under a stroke on the flattened shape is."""
 
-    side: StrokeSide
+    side: SheetSide
     points_uv_m: StrokePlaces
     radius_m: BrushRadius
     sheet: SheetSide = "this"
@@ -263,7 +262,7 @@ class CutShape(Said, tag="cut_shape", frozen=True, kw_only=True):
 class Brush(Said, tag="brush", frozen=True, kw_only=True):
     """Paint by clicks in the 3D scene as well, or (``side`` None) pick there again."""
 
-    side: StrokeSide | None = None
+    side: SheetSide | None = None
     radius_m: BrushRadius = 0.01
 
 

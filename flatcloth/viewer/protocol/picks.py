@@ -65,8 +65,7 @@ class PickStore:
         self._added = added
         self._pose: tuple[Picture, Pick, Grip, GraspPose | None] | None = None
         self._places: Cache[Place] = Cache(PLACES_KEPT)
-        # A session in memory also has its grips in memory.
-        self.book = GripStore(getattr(folder, "folder", None))
+        self.book = GripStore(folder.folder)
         self._loose: Pick | None = None
         self._current: tuple[int | None, float] = None, 0.0  # its number, and how far the click missed
 

@@ -41,30 +41,10 @@ from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.shape.shape import Change
 from flatcloth.validation.kit import kit_of
+from flatcloth.viewer.protocol import sent
 from flatcloth.viewer.protocol.actions import action_table
 from flatcloth.viewer.protocol.messages import Hover
-from flatcloth.viewer.protocol.sent import (
-    UV,
-    Check,
-    FloatingPiece,
-    Foreseen,
-    Grid,
-    HoverAnswer,
-    JoinedPieceInfo,
-    Layers,
-    Legend,
-    Motion,
-    OverlayInfo,
-    PendingInfo,
-    PendingPart,
-    PixelValues,
-    PlacedPartInfo,
-    Progress,
-    SourcePlace,
-    ViewRow,
-    ViewState,
-    typed,
-)
+from flatcloth.viewer.protocol.sent import UV, typed
 
 if TYPE_CHECKING:
     from flatcloth.validation.markers import KitTruth
@@ -92,10 +72,10 @@ class Overlay:
     view_index: int
     proposal: Placement
     sheet: Sheet
-    foreseen: Foreseen | None = None
-    checks: tuple[Check, ...] = ()
+    foreseen: sent.Foreseen | None = None
+    checks: tuple[sent.Check, ...] = ()
     joined_piece: JoinedPiece | None = None
-    also: tuple[PlacedPartInfo, ...] = ()
+    also: tuple[sent.PlacedPartInfo, ...] = ()
 
     def shown(self, pending: Pending) -> Rigid2:
         """Return the placement in force as it is on the sheet."""
@@ -127,7 +107,7 @@ class OtherSheet:
     key: Hashable
     sides: JoinedSides
     sheet: Sheet
-    legends: dict[str, Legend]
+    legends: dict[str, sent.Legend]
 
     @property
     def view(self) -> FlattenedView:
@@ -150,7 +130,7 @@ class Picture:
     present_view: int
     angle_deg: float
     cloud: ViewCloud
-    legends: dict[str, Legend]
+    legends: dict[str, sent.Legend]
     document: Document | None = None
     overlay: Overlay | None = None
     sheet: Sheet | None = None
@@ -188,7 +168,7 @@ def make_picture(
     laid: Sequence[LaidPiece] = (),
     edge_m: float = -math.inf,
 ) -> Picture:
-    """Compute the picture of a document with a start view; revisions continue from ``previous``.
+    """Compute the picture of a document with a start view.
 
     The shape is laid out on a sheet with its floating pieces; the proposal is laid on the sheet; the cloud
     is that of the present view; ``laid`` are pieces that seams join to the shape; floating ones keep clear of
@@ -203,14 +183,16 @@ def make_picture(
         sheet = replace(sheet, view=truth.with_errors(sheet.view, sheet.piece))
     same = previous if previous is not None and previous.sheet is sheet else None
     shape_legends = (
-        same.legends if same else typed(legends(sheet.view, integration.axis, angles_deg), dict[str, Legend])
+        same.legends
+        if same
+        else typed(legends(sheet.view, integration.axis, angles_deg), dict[str, sent.Legend])
     )
     overlay = None
     if document.pending is not None:
         before = None if previous is None else previous.overlay
         overlay = _overlay(integration, document, document.pending, sheet, before)
     return Picture(
-        revision=1 if previous is None else previous.revision + (same is None),
+        revision=next(_revisions) if same is None else same.revision,
         document=document,
         view=sheet.view,
         present_view=present,
@@ -236,7 +218,7 @@ def truth_of(recording: Recording) -> KitTruth | None:
     return None
 
 
-_overlay_revisions = itertools.count(1)
+_revisions, _overlay_revisions = itertools.count(1), itertools.count(1)
 
 
 def _overlay(
@@ -267,7 +249,9 @@ def _overlay(
     )
 
 
-def _placed_with_it(integration: Integration, pending: Pending, sheet: Sheet) -> tuple[PlacedPartInfo, ...]:
+def _placed_with_it(
+    integration: Integration, pending: Pending, sheet: Sheet
+) -> tuple[sent.PlacedPartInfo, ...]:
     own = integration.views.part(pending.view_index, pending.component)
     own_from_plane = pending.current_from_new.inverse()
     found = []
@@ -278,7 +262,7 @@ def _placed_with_it(integration: Integration, pending: Pending, sheet: Sheet) ->
         points = alone if len(alone) else uv
         u_m, v_m = points[np.argmin(np.linalg.norm(points - np.median(points, axis=0), axis=1))]
         found.append(
-            PlacedPartInfo(
+            sent.PlacedPartInfo(
                 view_index=placed.view_index,
                 component=placed.component,
                 area_cm2=1e4 * part.area_m2,
@@ -315,7 +299,7 @@ def _foreseen(
     own_piece: int,
     components: Sequence[tuple[FlattenedView, Bool]],
     change: Change | None,
-) -> Foreseen:
+) -> sent.Foreseen:
     """Return what accepting a proposal on a piece would add (cm2), and join.
 
     ``components`` are those of the view, the chosen one first, each with where it is new.
@@ -328,7 +312,7 @@ def _foreseen(
     on = sheet.piece[rc[inside, 0], rc[inside, 1]]
     covered = np.bincount(on[on >= 0], minlength=len(sheet.pieces) + 1) * view.pixel_size_m**2
     joins = [label_of(n) for n, area_m2 in enumerate(covered) if n != own_piece and area_m2 >= _JOINS_M2]
-    return Foreseen(
+    return sent.Foreseen(
         added_cm2=pixel_cm2 * added,
         joins=tuple(joins),
         moved_mm=None if change is None else 1e3 * change.moved_m,
@@ -338,7 +322,7 @@ def _foreseen(
 
 def _checks(
     sheet: Sheet, view: FlattenedView, score: AlignmentScore, axis: RotationAxis
-) -> tuple[Check, ...]:
+) -> tuple[sent.Check, ...]:
     """Return the checks: title, value and limit with their unit, whether it is passed, where it is worst."""
     apart = difference(sheet.view, view, axis)
     common = apart.common
@@ -357,10 +341,12 @@ def _checks(
     )
 
 
-def _check(name: str, title: str, value: float, limit: float, unit: str, place: UV | None) -> Check:
+def _check(name: str, title: str, value: float, limit: float, unit: str, place: UV | None) -> sent.Check:
     known = finite(value)
     passed = None if known is None else known <= limit
-    return Check(name=name, title=title, value=known, limit=limit, unit=unit, passed=passed, place_uv_m=place)
+    return sent.Check(
+        name=name, title=title, value=known, limit=limit, unit=unit, passed=passed, place_uv_m=place
+    )
 
 
 def _middle(view: FlattenedView, where: Bool) -> UV | None:
@@ -375,7 +361,7 @@ def _middle(view: FlattenedView, where: Bool) -> UV | None:
 
 def values_at(
     view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis, angle_deg: float = 0.0
-) -> PixelValues | None:
+) -> sent.PixelValues | None:
     """Return all values of the pixel at a position of the plane, None off the cloth.
 
     ``angle_deg`` is the rotation that ``z_angle_now_deg`` refers to.
@@ -402,10 +388,10 @@ def values_at(
         "placement_std_mm": None if std_m is None else finite(1000 * std_m),
         "error_mm": None if error_m is None else finite(1000 * error_m),
     }
-    return typed(values, PixelValues)
+    return typed(values, sent.PixelValues)
 
 
-def described(picture: Picture | None, integration: Integration, hover: Hover) -> HoverAnswer:
+def described(picture: Picture | None, integration: Integration, hover: Hover) -> sent.HoverAnswer:
     """Describe the point under the pointer, of the shape or of the other side."""
     shape = proposal = None
     if picture is not None and (hover.sheet == "this" or picture.other is not None):
@@ -414,7 +400,7 @@ def described(picture: Picture | None, integration: Integration, hover: Hover) -
         if picture.overlay is not None and hover.sheet == "this":
             proposal = values_at(picture.overlay.view, *at)
     source = None if hover.view is None else place_under(integration, hover.view, proposal or shape)
-    return HoverAnswer(id=hover.id, shape=shape, proposal=proposal, source=source)
+    return sent.HoverAnswer(id=hover.id, shape=shape, proposal=proposal, source=source)
 
 
 def place_in_view(
@@ -426,18 +412,20 @@ def place_in_view(
     return project(position_held_m, normal_held, integration.axis, angle_deg, recording.intrinsics)
 
 
-def place_under(integration: Integration, view_index: int, found: PixelValues | None) -> SourcePlace | None:
+def place_under(
+    integration: Integration, view_index: int, found: sent.PixelValues | None
+) -> sent.SourcePlace | None:
     """Return where a pixel of the flattened view is in the image of a view; None if it is not seen there."""
     if found is None or not 0 <= view_index < len(integration.recording):
         return None
     if found.view_index == view_index:
-        return SourcePlace(view_index=view_index, rc=found.source_rc)
+        return sent.SourcePlace(view_index=view_index, rc=found.source_rc)
     position = np.array(found.xyz_mm) / 1000.0
     normal = np.array(found.normal, dtype=np.float64)  # None becomes NaN
     place = place_in_view(integration, view_index, position, normal)
     if place.visibility is not Visibility.SEEN:
         return None
-    return SourcePlace(view_index=view_index, rc=(float(place.row), float(place.col)))
+    return sent.SourcePlace(view_index=view_index, rc=(float(place.row), float(place.col)))
 
 
 def outline_of(view: FlattenedView, motion: Rigid2 | None = None) -> list[list[UV]]:
@@ -451,7 +439,7 @@ def of_session(
     picture: Picture | None,
     angles_deg: tuple[float, ...],
     reviewed: Mapping[int, dict[str, Any]],
-    progress: Progress | None,
+    progress: sent.Progress | None,
     trouble: str,
 ) -> dict[str, Any]:
     """Return the fields of the state of a session.
@@ -478,18 +466,18 @@ def of_session(
         "n_later": len(document.later),
         "request": request,
         "views": tuple(_view(state, i, a, reviewed.get(i, {})) for i, a in enumerate(angles_deg)),
-        "progress": progress or (Progress(share=0.0, text=text) if compiling else None),
+        "progress": progress or (sent.Progress(share=0.0, text=text) if compiling else None),
         "pending": _pending(document, picture),
         "drawing": drawing,
         "trouble": trouble if behind else "",
     }
 
 
-def _view(state: SessionState, index: int, angle_deg: float, reviewed: dict[str, Any]) -> ViewRow:
+def _view(state: SessionState, index: int, angle_deg: float, reviewed: dict[str, Any]) -> sent.ViewRow:
     document = state.document
     word, detail, score = _verdict(document, index)
     command = Start(index) if document.start_view is None else Propose(index)
-    return ViewRow(
+    return sent.ViewRow(
         index=index,
         angle_deg=angle_deg,
         state=word,
@@ -502,7 +490,7 @@ def _view(state: SessionState, index: int, angle_deg: float, reviewed: dict[str,
     )
 
 
-def _verdict(document: Document, index: int) -> tuple[ViewState, str, float | None]:
+def _verdict(document: Document, index: int) -> tuple[sent.ViewState, str, float | None]:
     """Return the state of a view in a word, its reason, and the score that it was accepted with."""
     if index == document.start_view:
         return "start", "", None
@@ -527,13 +515,13 @@ def _follows(document: Document, index: int) -> int:
     return 0 if at is None else len(order) - 1 - at
 
 
-def _pending(document: Document, picture: Picture | None) -> PendingInfo | None:
+def _pending(document: Document, picture: Picture | None) -> sent.PendingInfo | None:
     pending, overlay = document.pending, None if picture is None else picture.overlay
     if pending is None:
         return None
     if overlay is not None and overlay.view_index != pending.view_index:
         overlay = None  # of the proposal before; this one's is on its way
-    return PendingInfo(
+    return sent.PendingInfo(
         view_index=pending.view_index,
         side=None if pending.side is None else pending.side.value,
         score=pending.score if overlay is None else overlay.score.total,
@@ -549,7 +537,7 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     placement = overlay.proposal
     return {
         "pieces": tuple(
-            PendingPart(
+            sent.PendingPart(
                 component=part.component,
                 area_cm2=1e4 * part.area_m2,
                 waits=part.alignment is None,
@@ -565,13 +553,13 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     }
 
 
-def _joined(overlay: Overlay) -> JoinedPieceInfo | None:
+def _joined(overlay: Overlay) -> sent.JoinedPieceInfo | None:
     """Return the letter of the piece that the proposal joins to the shape, and its motion on the sheet."""
     if overlay.joined_piece is None:
         return None
     piece = overlay.sheet.piece_on_plane(overlay.joined_piece.center_uv_m)
     motion = overlay.joined_piece.target_from_piece @ overlay.sheet.shift(piece).inverse()
-    return None if piece == 0 else JoinedPieceInfo(label=label_of(piece), placement=motion)
+    return None if piece == 0 else sent.JoinedPieceInfo(label=label_of(piece), placement=motion)
 
 
 def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
@@ -583,58 +571,49 @@ def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
     return Rigid2(pending.nudge.theta_rad, float(shift[0]), float(shift[1]))
 
 
-def _motion(motion: Rigid2) -> Motion:
-    return Motion(theta_deg=math.degrees(motion.theta_rad), u_mm=1000 * motion.u_m, v_mm=1000 * motion.v_m)
-
-
-def layers_of_shape(picture: Picture) -> Layers:
-    """Return the layers of the shape, or of a frame, with the proposal on it."""
-    return Layers(
-        revision=picture.revision,
-        area_cm2=(picture.view.area_m2 if picture.sheet is None else picture.sheet.shape_m2) * 1e4,
-        pieces=() if picture.sheet is None else _floating(picture.sheet),
-        legends=picture.legends,
-        overlay=_overlay_info(picture),
-        **grid_of(picture.view),
+def _motion(motion: Rigid2) -> sent.Motion:
+    return sent.Motion(
+        theta_deg=math.degrees(motion.theta_rad), u_mm=1000 * motion.u_m, v_mm=1000 * motion.v_m
     )
 
 
-def layers_of_other(other: OtherSheet) -> Layers:
-    """Return the layers of the other side; no proposal lies on it."""
-    return Layers(
-        revision=other.revision,
-        area_cm2=1e4 * other.sheet.shape_m2,
-        pieces=_floating(other.sheet, other_floating_file),
-        legends=other.legends,
-        overlay=None,
-        **grid_of(other.view),
+def layers_of(shown: Picture | OtherSheet) -> sent.Layers:
+    """Return the layers of the shape, of a frame, or of the other side; a proposal lies on the shape only."""
+    sheet, is_shape = shown.sheet, isinstance(shown, Picture)
+    return sent.Layers(
+        revision=shown.revision,
+        area_cm2=1e4 * (shown.view.area_m2 if sheet is None else sheet.shape_m2),
+        pieces=() if sheet is None else _floating(sheet, floating_file if is_shape else other_floating_file),
+        legends=shown.legends,
+        overlay=_overlay_info(shown) if isinstance(shown, Picture) else None,
+        **grid_of(shown.view),
     )
 
 
-def _floating(sheet: Sheet, file_of: Callable[[int], str] = floating_file) -> tuple[FloatingPiece, ...]:
+def _floating(sheet: Sheet, file_of: Callable[[int], str]) -> tuple[sent.FloatingPiece, ...]:
     return tuple(
-        FloatingPiece(
+        sent.FloatingPiece(
             label=piece.label,
             file=file_of(piece.number),
             area_cm2=1e4 * piece.view.area_m2,
             reason=piece.reason,
             color=hex_of(piece_color(n)),
             placed=piece.placed is not None,
-            grid=Grid(**grid_of(piece.view)),
+            grid=sent.Grid(**grid_of(piece.view)),
         )
         for n, piece in enumerate(sheet.pieces, start=1)
     )
 
 
-def _overlay_info(picture: Picture) -> OverlayInfo | None:
+def _overlay_info(picture: Picture) -> sent.OverlayInfo | None:
     overlay, pending = picture.overlay, None if picture.document is None else picture.document.pending
     if overlay is None or pending is None:
         return None
-    return OverlayInfo(
+    return sent.OverlayInfo(
         revision=overlay.revision,
         view_index=overlay.view_index,
         center_uv_m=shown_center_uv_m(pending, overlay),
-        differences={kind: typed(difference_legend(kind), Legend) for kind in DIFFERENCES},
+        differences={kind: typed(difference_legend(kind), sent.Legend) for kind in DIFFERENCES},
         placement=overlay.shown(pending),
         **grid_of(overlay.view),
     )

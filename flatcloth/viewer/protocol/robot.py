@@ -79,17 +79,18 @@ class PostedView(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         """
         if self.color is None or self.depth is None or self.K is None:
             raise ValueError("color, depth and K belong together: send all three, or the angle alone.")
-        is_metres = self.depth.dtype == "float32"
-        depth = _decoded(self.depth, "depth", np.float32 if is_metres else np.uint16, 1)
+        depth = _decoded(self.depth, "depth")
+        if depth.dtype == np.uint8:
+            raise ValueError("depth must be uint16, in units of depth_scale_m, or float32, in metres.")
         read = recording_from_arrays(
-            [_decoded(self.color, "color", np.uint8, 3)],
+            [_decoded(self.color, "color")],
             [depth],
             self.K,
             [self.angle_deg],
-            None if self.mask is None else [_decoded(self.mask, "mask", np.uint8, 1) > 127],
+            None if self.mask is None else [_decoded(self.mask, "mask") > 127],
             rotation_axis=None if self.axis is None else (self.axis.point_m, self.axis.unit),
             held_point_m=self.held_point_m,
-            depth_scale_m=None if is_metres else self.depth_scale_m,
+            depth_scale_m=None if depth.dtype == np.float32 else self.depth_scale_m,
         )
         frame = read[0]
         return SeenView(
@@ -103,39 +104,36 @@ class PostedView(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         )
 
 
-def _decoded(image: Image, name: str, dtype: type[Any], channels: int) -> NDArray[Any]:
-    """Return the pixels of an image, which must be of this type."""
+def _decoded(image: Image, name: str) -> NDArray[Any]:
+    """Return the pixels of an image; what they must be is checked where they become a recording."""
     if (image.png is None) == (image.raw is None):
         raise ValueError(f"{name} needs one of png and raw, in base64.")
     if image.png is not None:
-        return _from_png(image.png, name, dtype, channels)
+        return _from_png(image.png, name)
     assert image.raw is not None
-    wanted = np.dtype(dtype).name
-    last = () if channels == 1 else (channels,)
-    if image.dtype != wanted or image.shape is None or image.shape[2:] != last:
-        raise ValueError(f"{name} must be {wanted} with {channels} channel(s), and name shape and dtype.")
-    size = int(np.prod(image.shape)) * np.dtype(dtype).itemsize
+    if image.dtype is None or image.shape is None:
+        raise ValueError(f"{name} must name its shape and dtype.")
+    size = int(np.prod(image.shape)) * np.dtype(image.dtype).itemsize
     if len(image.raw) != size:
         raise ValueError(f"{name} has {len(image.raw)} bytes, its shape and dtype need {size}.")
-    return np.frombuffer(image.raw, dtype=dtype).reshape(image.shape).copy()
+    return np.frombuffer(image.raw, dtype=image.dtype).reshape(image.shape).copy()
 
 
-def _from_png(data: bytes, name: str, dtype: type[Any], channels: int) -> NDArray[Any]:
+def _from_png(data: bytes, name: str) -> NDArray[Any]:
     import cv2
 
-    header, bits = png_header(data), 8 * np.dtype(dtype).itemsize
+    header = png_header(data)
     if header is None or not is_whole(data):
         raise ValueError(f"{name} is no whole PNG.")
     if not (0 < header.width <= MAX_SIDE_PX and 0 < header.height <= MAX_SIDE_PX):
         raise ValueError(f"{name} is {header.width}x{header.height} pixels; the limit is {MAX_SIDE_PX}.")
-    if (header.bits, header.channels) != (bits, channels):
-        raise ValueError(f"{name} must be a PNG of {bits} bits, {'RGB' if channels == 3 else 'grey'}.")
     # Without the transparency of a palette, or of one color.
-    flags = cv2.IMREAD_COLOR if channels == 3 else cv2.IMREAD_UNCHANGED
+    flags = cv2.IMREAD_COLOR if header.channels == 3 else cv2.IMREAD_UNCHANGED
+    dtype = np.uint16 if header.bits == 16 else np.uint8
     pixels = pixels_of(data, flags | cv2.IMREAD_IGNORE_ORIENTATION, dtype)
     if pixels is None:
         raise ValueError(f"{name} cannot be decoded.")
-    return np.ascontiguousarray(pixels[..., ::-1]) if channels == 3 else pixels
+    return np.ascontiguousarray(pixels[..., ::-1]) if header.channels == 3 else pixels
 
 
 PROTOCOL: Literal["flatcloth-robot/1"] = "flatcloth-robot/1"

@@ -39,7 +39,11 @@ NoteLevel = Literal["info", "warning", "error"]
 T = TypeVar("T")
 
 
-class Note(Sent, tag_field="type", tag="note", frozen=True):
+class ServerMessage(Sent, tag_field="type", frozen=True):
+    """The base of all messages that the server sends as text: each subclass is one, with its ``type``."""
+
+
+class Note(ServerMessage, tag="note", frozen=True):
     """A notification for the operator; ``time_s`` counts from the epoch."""
 
     id: int
@@ -475,7 +479,7 @@ class CaptureStatus(Sent, frozen=True):
     view: CapturedView | None
 
 
-class PageState(Sent, tag_field="type", tag="state", frozen=True):
+class PageState(ServerMessage, tag="state", frozen=True):
     """The state of the page: what the mode does not have is None, or the default.
 
     ``doubts`` is the revision of the list of what is in doubt.
@@ -559,7 +563,7 @@ class SourcePlace(Sent, frozen=True):
     rc: Pixel
 
 
-class HoverAnswer(Sent, tag_field="type", tag="hover", frozen=True):
+class HoverAnswer(ServerMessage, tag="hover", frozen=True):
     """The values under the pointer, of the shape and of the proposal, and the place in a source image."""
 
     id: int
@@ -568,7 +572,7 @@ class HoverAnswer(Sent, tag_field="type", tag="hover", frozen=True):
     source: SourcePlace | None
 
 
-class RayAnswer(Sent, tag_field="type", tag="hover_ray", frozen=True):
+class RayAnswer(ServerMessage, tag="hover_ray", frozen=True):
     """What a ray of the 3D scene hits first, and where that lies on the plane of a side; None: nothing."""
 
     id: int
@@ -577,7 +581,7 @@ class RayAnswer(Sent, tag_field="type", tag="hover_ray", frozen=True):
     sheet: SheetSide = "this"
 
 
-class Picked(Sent, tag_field="type", tag="picked", frozen=True):
+class Picked(ServerMessage, tag="picked", frozen=True):
     """A new pick is stored, on a side of the item and its plane; its numbers follow with the state."""
 
     id: int
@@ -586,7 +590,7 @@ class Picked(Sent, tag_field="type", tag="picked", frozen=True):
     uv_m: UV
 
 
-class Measured(Sent, tag_field="type", tag="measured", frozen=True):
+class Measured(ServerMessage, tag="measured", frozen=True):
     """A distance: on the plane, along the cloth and through the air. ``path_uv_m`` follows the cloth."""
 
     id: int
@@ -596,7 +600,7 @@ class Measured(Sent, tag_field="type", tag="measured", frozen=True):
     path_uv_m: list[UV]
 
 
-class PreviewAnswer(Sent, tag_field="type", tag="preview", frozen=True):
+class PreviewAnswer(ServerMessage, tag="preview", frozen=True):
     """The score of a moved proposal, and that after refinement; ``why`` says why there is none."""
 
     id: int
@@ -607,7 +611,7 @@ class PreviewAnswer(Sent, tag_field="type", tag="preview", frozen=True):
     refined_apart_mm: float | None = None
 
 
-class PairsAnswer(Sent, tag_field="type", tag="pairs", frozen=True):
+class PairsAnswer(ServerMessage, tag="pairs", frozen=True):
     """The residuals of pairs of points, before and after the motion that fits them."""
 
     residual_mm: list[float]
@@ -615,7 +619,7 @@ class PairsAnswer(Sent, tag_field="type", tag="pairs", frozen=True):
     rms_mm: float
 
 
-class GarmentPreview(Sent, tag_field="type", tag="garment_preview", frozen=True):
+class GarmentPreview(ServerMessage, tag="garment_preview", frozen=True):
     """The outline and the named points of the garment while a point is dragged."""
 
     id: int
@@ -623,7 +627,7 @@ class GarmentPreview(Sent, tag_field="type", tag="garment_preview", frozen=True)
     points: list[GarmentPointInfo]
 
 
-class StrokeAdvice(Sent, tag_field="type", tag="where_to_stroke", frozen=True):
+class StrokeAdvice(ServerMessage, tag="where_to_stroke", frozen=True):
     """The view and the pixel where the next stroke settles most; None: nowhere, ``text`` says why."""
 
     view_index: int | None
@@ -632,7 +636,7 @@ class StrokeAdvice(Sent, tag_field="type", tag="where_to_stroke", frozen=True):
     number: int = 0
 
 
-class Switched(Sent, tag_field="type", tag="switched", frozen=True):
+class Switched(ServerMessage, tag="switched", frozen=True):
     """Another recording was opened; the tab connects again."""
 
 
@@ -771,18 +775,3 @@ class ItemBox(Sent, frozen=True):
     left: int
     height: int
     width: int
-
-
-ServerMessage = (
-    PageState
-    | Note
-    | HoverAnswer
-    | RayAnswer
-    | Picked
-    | Measured
-    | PreviewAnswer
-    | PairsAnswer
-    | GarmentPreview
-    | StrokeAdvice
-    | Switched
-)

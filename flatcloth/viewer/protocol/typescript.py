@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from msgspec import NODEFAULT, inspect
@@ -39,7 +39,7 @@ _SCALARS: dict[type, str] = {
 
 def declarations() -> str:
     """Return the text of a ``.d.ts`` file: one interface a struct, and the unions of all messages."""
-    sent, taken = list(KINDS.values()), list(get_args(ServerMessage))
+    sent, taken = list(KINDS.values()), ServerMessage.__subclasses__()
     lines = ["// Made by flatcloth/viewer/protocol/typescript.py; not to be edited.", ""]
     lines += [_interface(kind, optional=True) for kind in sent]
     lines += ["/** Every message that the page sends. */", _union("ClientMessage", sent), ""]

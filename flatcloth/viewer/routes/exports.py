@@ -28,7 +28,8 @@ class ExportRoutes:
     """
 
     def __init__(self, page: PageController) -> None:
-        self._page, self._kept = page, Kept(page.garments, lambda: page.both() is not None)
+        self._page = page
+        self._kept = Kept(page.garments, lambda: page.picture is not None and page.picture.other is not None)
         self.waiting = 0
 
     async def serve(self, request: Request) -> Response:

@@ -9,22 +9,19 @@ are ``{"error": reason}`` with code 400 (malformed), 409 (cannot be opened) or 4
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from collections.abc import Callable
-from pathlib import Path
-from typing import Annotated, Any, Protocol, TypeVar
+from typing import Annotated, Any
 
 import msgspec
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.resources import static_folder
 from flatcloth.recordings.mending import Mends, options_of
-from flatcloth.viewer.http import RefusedError, get, page_of, read_json
+from flatcloth.viewer.http import RefusedError, get, page_of, post
 from flatcloth.viewer.places import Chosen, Kind, Places
 
 MAX_BODY_BYTES = 4096
@@ -35,7 +32,6 @@ PICTURES_KEPT = 64
 """Pictures that are kept. Chosen for memory."""
 PICTURES_AT_ONCE = 2
 """Recordings read for their pictures at a time; each may start a reader of its own. Chosen: two cores."""
-T = TypeVar("T")
 
 
 class OpenPlace(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -51,79 +47,64 @@ class Mend(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     mends: dict[str, Any]
 
 
-class Opener(Protocol):
-    """Opens what all tabs show."""
-
-    @property
-    def recording(self) -> str | None:
-        """The name of the open recording."""
-
-    @property
-    def session(self) -> Path | None:
-        """The folder of the open session."""
-
-    def open(self, chosen: Chosen) -> None:
-        """Open a place."""
-
-    def mend(self, mends: Mends) -> None:
-        """Open the present recording with more mends."""
-
-
 class StartRoutes:
-    """Answers the requests of the start screen of a server; ``places`` are what it may open."""
+    """Answers the requests of the start screen.
 
-    def __init__(self, places: Places, server: Opener) -> None:
-        self._places, self._server = places, server
+    ``places`` are what may be opened, ``current`` is the name of the recording that is open; ``open_place``
+    opens another one, ``mend`` the same with more mends.
+    """
+
+    def __init__(
+        self,
+        places: Places,
+        current: Callable[[], str | None],
+        open_place: Callable[[Chosen], None],
+        mend: Callable[[Mends], None],
+    ) -> None:
+        self._places, self._current, self._open_place, self._mend_present = places, current, open_place, mend
         self._opening = threading.Lock()
         self._pictures: Cache[bytes] = Cache(PICTURES_KEPT)
-        self._reading = asyncio.Semaphore(PICTURES_AT_ONCE)
+        self._reading = threading.Semaphore(PICTURES_AT_ONCE)
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of the start screen."""
         return [
             Route("/start", self.page),
-            get("/start/places.json", lambda _: {**self._places.plain(), "current": self._server.recording}),
+            get("/start/places.json", lambda _: {**self._places.plain(), "current": self._current()}),
             get("/start/folder.json", lambda r: self._places.listing(r.query_params.get("path", ""))),
-            Route("/start/picture/{kind}/{name:path}", self._picture),
-            Route("/start/open", self._take, methods=["POST"]),
-            Route("/start/mend", self._take_mend, methods=["POST"]),
+            get(
+                "/start/picture/{kind}/{name:path}", self._picture, "image/jpeg", kept="private, max-age=600"
+            ),
+            post("/start/open", OpenPlace, self._open, MAX_BODY_BYTES),
+            post("/start/mend", Mend, self._mend, MAX_BODY_BYTES),
         ]
 
     async def page(self, request: Request) -> Response:
         """Answer with the start screen."""
         return page_of(request, static_folder() / "start" / "start.html")
 
-    async def _picture(self, request: Request) -> Response:
+    def _picture(self, request: Request) -> bytes:
         kind, name = request.path_params["kind"], request.path_params["name"]
         if kind not in ("example", "session", "folder"):
-            return PlainTextResponse("There is no such picture.", status_code=404)
-        async with self._reading:
-            data = await run_in_threadpool(self._drawn, kind, name)
-        return Response(data, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=600"})
+            raise RefusedError("There is no such picture.", 404)
+        with self._reading:
+            source = self._places.chosen(kind, name).source
+            return self._pictures.get(source, lambda: first_picture(source))
 
-    def _drawn(self, kind: Kind, name: str) -> bytes:
-        source = self._places.chosen(kind, name).source
-        return self._pictures.get(source, lambda: first_picture(source))
+    def _open(self, _request: Request, said: OpenPlace) -> dict[str, Any]:
+        return self._opened(lambda: self._open_place(self._places.chosen(said.kind, said.name)))
 
-    async def _take(self, request: Request) -> Response:
-        return await self._opened(
-            request, OpenPlace, lambda said: self._server.open(self._places.chosen(said.kind, said.name))
-        )
+    def _mend(self, _request: Request, said: Mend) -> dict[str, Any]:
+        return self._opened(lambda: self._mend_present(options_of(Mends, said.mends, "the page")))
 
-    async def _take_mend(self, request: Request) -> Response:
-        return await self._opened(
-            request, Mend, lambda said: self._server.mend(options_of(Mends, said.mends, "the page"))
-        )
-
-    async def _opened(self, request: Request, kind: type[T], opener: Callable[[T], None]) -> Response:
-        wanted = await read_json(request, kind, MAX_BODY_BYTES)
+    def _opened(self, opener: Callable[[], None]) -> dict[str, Any]:
         if not self._opening.acquire(blocking=False):
             raise RefusedError("Something else is being opened; wait until it is there.", 429)
         try:
-            await run_in_threadpool(opener, wanted)
+            opener()
         finally:
             self._opening.release()
-        return JSONResponse({"opened": self._server.recording})
+        return {"opened": self._current()}
 
 
 def first_picture(source: str) -> bytes:

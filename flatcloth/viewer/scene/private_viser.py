@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import io
-import logging
 import os
 import shutil
 import tempfile
-import traceback
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -26,25 +24,6 @@ _PREFIX = "flatcloth-scene-"
 """Of the folders of socket files; the number of the process follows."""
 _MAX_PATH_CHARS = 90
 """The system allows 107 bytes for the address of a socket file."""
-
-
-def _without_traceback(record: logging.LogRecord) -> bool:
-    """Shorten a line about a message that viser does not understand; no page sends such."""
-    error = record.exc_info[1] if record.exc_info else None
-    if error is not None and _is_visers(error):
-        record.msg, record.args = "a message to the 3D scene was not understood: %.200r", (error,)
-        record.exc_info = record.exc_text = None
-    return True
-
-
-def _is_visers(error: BaseException) -> bool:
-    """Return whether an error was raised in viser's own code."""
-    frames = list(traceback.walk_tb(error.__traceback__))
-    return bool(frames) and str(frames[-1][0].f_globals.get("__name__")).partition(".")[0] == "viser"
-
-
-for _source in ("asyncio", "websockets.server"):
-    logging.getLogger(_source).addFilter(_without_traceback)
 
 
 def _sweep(place: Path) -> None:

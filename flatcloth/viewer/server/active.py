@@ -11,7 +11,7 @@ from flatcloth.active.service import ActiveService
 from flatcloth.viewer.http import REFUSALS
 from flatcloth.viewer.modes.active import active_routes
 from flatcloth.viewer.protocol.robot import RobotEvent, ShapeChanged
-from flatcloth.viewer.routes.robot import Shown, Told, events_route, news
+from flatcloth.viewer.routes.robot import Told, events_of, events_route, news
 from flatcloth.viewer.server.app import serve_app
 from flatcloth.viewer.server.guard import PublicUrl, given_token, own_token
 
@@ -60,7 +60,7 @@ def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]
 
     def events(told: Told) -> Iterator[RobotEvent]:
         with loop.lock:
-            shown, document = None, service.document(told.rotation_deg)
+            found, document = None, service.document(told.rotation_deg)
             if document is not None:
                 shape = ShapeChanged(
                     revision=loop.views,
@@ -68,9 +68,8 @@ def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]
                     area_cm2=round(1e4 * loop.knowledge.area_m2, 1),
                     rotation_deg=loop.stands_deg,
                 )
-                is_recognised = not isinstance(loop.known, str)
-                kind = loop.knowledge.kind
-                shown = Shown(shape=shape, document=document, is_recognised=is_recognised, kind=kind)
-        yield from news(told, loop.name, shown)
+                recognised = not isinstance(loop.known, str)
+                found = events_of(shape, document, loop.knowledge.kind, recognised=recognised)
+        yield from news(told, loop.name, found)
 
     return events

@@ -130,7 +130,7 @@ class PageServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         places = places or Places(own=not is_open(host, public))
         places.remember(self.session)
-        self._start = StartRoutes(places, self)
+        self._start = StartRoutes(places, lambda: self.recording, self.open, self.mend)
         self._ready = threading.Event()
         self._uvicorn = limited_server(self._app())
         serving = functools.partial(self._uvicorn.run, sockets=[self._socket])
@@ -373,9 +373,7 @@ def serve_app(
     """
     listener = bind(host, port)
     number = listener.getsockname()[1]
-    app = make(
-        lambda: asyncio.get_running_loop().call_later(_FAREWELL_S, setattr, server, "should_exit", True)
-    )
+    app = make(lambda: threading.Timer(_FAREWELL_S, setattr, (server, "should_exit", True)).start())
     server = limited_server(Guard(app, own_names(host), token, number, public))
     ready(address_of(host, number, public) + path, token)
     try:

@@ -11,14 +11,14 @@ import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.responses import HTMLResponse, Response
 from starlette.routing import Route
 
 from flatcloth.batch.report import decide, report_html
 from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
 from flatcloth.session.header import read_header
-from flatcloth.viewer.http import REFUSALS, RefusedError, read_json
+from flatcloth.viewer.http import REFUSALS, RefusedError, post
 from flatcloth.viewer.places import Chosen
 from flatcloth.viewer.server.app import PageServer, serve_app
 from flatcloth.viewer.server.guard import given_token, kept_token
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from flatcloth.viewer.server.app import Opener
 
 HOST = "127.0.0.1"
-_MOST_BODY_BYTES = 10_000
-"""Largest body of a request. Chosen: far above those of the page."""
 
 
 class SessionPage:
@@ -74,27 +72,20 @@ def review_app(out: Path, page_of: SessionPage) -> Starlette:
         text = await run_in_threadpool(report_html, out, served=True)
         return HTMLResponse(text, headers={"Cache-Control": "no-store", "X-Frame-Options": "DENY"})
 
-    async def verdict(request: Request) -> Response:
-        said = await _said(request)
-        await run_in_threadpool(decide, out, said.name, said.verdict)
-        return JSONResponse({"name": said.name, "verdict": said.verdict})
+    def verdict(_request: Request, said: _Said) -> _Said:
+        decide(out, said.name, said.verdict)
+        return said
 
-    async def open_session(request: Request) -> Response:
-        said = await _said(request)
+    def open_session(_request: Request, said: _Said) -> dict[str, str]:
         row = read_row(out / said.name) if is_result_name(said.name) else None
         if row is None:
             raise RefusedError("There is no such result; load the page again.", 404)
         if row["outcome"] != "done":
             raise FlatclothError(f"{row['name']} has no session: {row.get('reason') or 'it is not done'}")
-        url = await run_in_threadpool(page_of.address, out / str(row["name"]))
-        return JSONResponse({"url": url})
+        return {"url": page_of.address(out / str(row["name"]))}
 
     return Starlette(
-        routes=[
-            Route("/", page),
-            Route("/verdict", verdict, methods=["POST"]),
-            Route("/open", open_session, methods=["POST"]),
-        ],
+        routes=[Route("/", page), post("/verdict", _Said, verdict), post("/open", _Said, open_session)],
         exception_handlers=REFUSALS,
     )
 
@@ -104,21 +95,6 @@ class _Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     name: Annotated[str, msgspec.Meta(max_length=255)]
     verdict: Annotated[str, msgspec.Meta(max_length=40)] | None = None
-
-
-async def _said(request: Request) -> _Said:
-    """Return the message in a request.
-
-    Only JSON is accepted: pages of other origins may send forms, but not JSON.
-
-    Raises
-    ------
-    RefusedError
-        If it is not valid.
-    """
-    if request.headers.get("content-type", "").split(";")[0] != "application/json":
-        raise RefusedError("Expected a name and a verdict, as JSON.", 400)
-    return await read_json(request, _Said, _MOST_BODY_BYTES)
 
 
 def serve_review(out: Path, port: int, ready: Callable[[str, str], None], opener: Opener) -> None:

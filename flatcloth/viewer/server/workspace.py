@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import msgspec
 import websockets
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -25,7 +26,7 @@ from flatcloth.recordings import SourceOptions
 from flatcloth.recordings.base import source_options
 from flatcloth.recordings.mending import Mends
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.http import RefusedError, read_body, rotation_of
+from flatcloth.viewer.http import post, rotation_of
 from flatcloth.viewer.hub import Hub, Tab
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.session import Application
@@ -36,11 +37,11 @@ from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import check_routes, layer_routes, source_routes
 from flatcloth.viewer.routes.robot import RobotAnswers, robot_routes
-from flatcloth.viewer.routes.rosbridge import RosBridge
 from flatcloth.viewer.scene.scene import Scene
 
 MAX_HAND_EYE_BYTES = 65536
 """Limit of a hand-eye file that a page sends. Chosen: it has sixteen numbers."""
+_HAND_EYE = "Choose a hand-eye file (docs/grasps.md)."
 _SWAMPED_S = 0.05
 """Interval between checks whether an overloaded page can take messages again. Chosen."""
 
@@ -78,7 +79,7 @@ class Workspace:
         page: PageController = controller(self.scene, self.hub)
         self.application, self.scene.on_ray = page, page.click_ray
         page.base_from_camera = opened.base_from_camera
-        self.exports, robot = ExportRoutes(page), RobotAnswers(page)
+        self.exports = ExportRoutes(page)
         self.router = Router(
             redirect_slashes=False,  # they would name the host that a proxy has set
             routes=[
@@ -86,12 +87,11 @@ class Workspace:
                 *source_routes(page),
                 *check_routes(page),
                 Route("/export/grasps.json", self._grasps),
-                Route("/hand-eye", self._take_hand_eye, methods=["POST"]),
+                post("/hand-eye", msgspec.Raw, self._take_hand_eye, MAX_HAND_EYE_BYTES, _HAND_EYE),
                 Route("/export/{name}", self.exports.serve),
                 Route("/teaching/{part}", TeachingRoutes(page).serve),
                 *page.routes(),
-                *robot_routes(robot),
-                WebSocketRoute("/robot/rosbridge", RosBridge(robot).serve),
+                *robot_routes(RobotAnswers(page)),
                 WebSocketRoute("/ws", self._messages),
                 Route("/ws", _no_socket, methods=["GET", "POST"]),
                 WebSocketRoute("/viser", lambda browser: relay(browser, lambda: self.scene.path)),
@@ -143,14 +143,10 @@ class Workspace:
         grasps = await run_in_threadpool(self.application.grasps, rotation_of(request))
         return JSONResponse(grasps, headers=headers)
 
-    async def _take_hand_eye(self, request: Request) -> Response:
+    def _take_hand_eye(self, _request: Request, file: msgspec.Raw) -> dict[str, bool]:
         """Take the content of a hand-eye file; poses are in the robot's frame from now on, until the end."""
-        try:
-            data = await read_body(request, MAX_HAND_EYE_BYTES)
-            self.application.base_from_camera = hand_eye_from(data, Path("hand-eye file"))
-        except (FlatclothError, ValueError) as error:
-            raise RefusedError(str(error), 400) from error
-        return JSONResponse({"taken": True})
+        self.application.base_from_camera = hand_eye_from(bytes(file), Path("hand-eye file"))
+        return {"taken": True}
 
 
 async def _no_socket(_request: Request) -> Response:
