@@ -131,10 +131,10 @@ export class BothSides extends PagePart {
     for (const loop of this.behind) strokeLoop(this.canvas, loop, color, 1.5, { rim: 1, dash: [6, 5] });
   }
 
-  /** The outline of each sheet behind the other one, where that is shown. */
+  /** The outline of each sheet behind the other one, where that is shown; not while cloth of one is asked about. */
   get behind() {
-    const { found } = this.page.doubts;
-    if (!found || !this.other?.is_related || this.page.hasCamera) return [];
+    const { found, held } = this.page.doubts;
+    if (!found || held || !this.other?.is_related || this.page.hasCamera) return [];
     return SHEETS.flatMap((sheet) => {
       const loops = sheet === "this" ? found.other_outline_uv_m : found.this_outline_uv_m;
       return loops.map((loop) =>

@@ -266,18 +266,23 @@ export class GarmentDrawing {
     this.page.redrawMarks();
   }
 
-  /** What is drawn: the dragged outline, or the one that was found; null: nothing, as where cloth in doubt is decided about. */
+  /**
+   * What is drawn: the dragged outline, or the one that was found; null: nothing, as while cloth in doubt is asked about,
+   * unless another place of it is shown.
+   */
   get drawn() {
     const { panel } = this;
-    if (!panel.shown || !panel.found?.kind || this.page.hasCamera || this.page.doubts.held) return null;
+    const { held, choice } = this.page.doubts;
+    if (!panel.shown || !panel.found?.kind || this.page.hasCamera || (held && choice?.how !== "place")) return null;
     return this.preview ?? panel.found;
   }
 
   // --- a point is dragged: a tool of the canvas --------------------------------------------------
 
   press(/** @type {PointerPlace} */ at) {
-    // Brushes, pairs and the proposal have the pointer while they are there.
-    const taken = this.page.state?.pending || this.page.brush?.kind || this.page.canvas.side === "other";
+    // Brushes, pairs, the proposal and what is in doubt have the pointer while they are there.
+    const { state, brush, doubts, canvas } = this.page;
+    const taken = state?.pending || brush?.kind || doubts.held || canvas.side === "other";
     const near = taken ? null : this.near(at);
     if (!near) return false;
     this.grabbed = { name: near.name, x: at.x, y: at.y, moved: false };

@@ -65,6 +65,7 @@ export class SourcePanel extends PagePart {
   zoom = { factor: 1, row: 0, col: 0 }; // and the pixel in the middle
   present = /** @type {number | null} */ (null); // the view that the page is at
   pinned = /** @type {number | null} */ (null); // another view that the operator looks at
+  about = /** @type {string | undefined} */ (undefined); // what is in doubt, of which it shows a view
   pick = /** @type {CurrentPick | null} */ (null);
   /** @type {Fetched<SeenViews>} the views of the pick */
   seenIn = new Fetched(askJson, () => this.show());
@@ -99,6 +100,9 @@ export class SourcePanel extends PagePart {
     this.panel.hidden = state.present_view === null;
     if (this.panel.hidden || !this.page.isSettled) return;
     if (state.present_view !== this.present) this.pinned = null;
+    const { doubt } = this.page.doubts;
+    if (doubt?.title !== this.about) this.pinned = doubt?.views[0]?.view_index ?? null; // that holds most of it
+    this.about = doubt?.title;
     this.present = state.present_view;
     this.angles = state.views.map((v) => v.angle_deg);
     this.revision = state.layers?.revision ?? 0;
