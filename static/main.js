@@ -138,7 +138,6 @@ function show(/** @type {State} */ state) {
   if (page.hasCamera || !(state.layers || state.drawing || state.phase === "computing")) settle();
   else if (state.sides) openScene(); // while they are being found, it shows a view
   page.each("update", page.state);
-  teaching?.follow();
   if (page.hasCamera) showFrame(state);
   else showLayer(page.state);
   takeServerLog(state.log, state.auto.running);
@@ -224,18 +223,7 @@ const PART = { description: "Show this part of the column.", keys: [], group: "c
 
 async function openLessons() {
   await loadFrame();
-  teaching ??= new Teaching({
-    actions: () => page.state.actions,
-    name: () => page.state.recording.name,
-    startView: () => page.state.start_view,
-    views: () => page.state.views.length,
-    progress: () => page.state.lesson,
-    garment: () => page.state.garment?.revision ?? 0,
-    doubts: () => page.doubts.found?.revision ?? null,
-    findOther: () => page.thisSide.other?.layers ?? send({ type: "other_side" }),
-    shape: () => page.doubts.lesson,
-    run,
-  });
+  teaching ??= page.add(new Teaching(page));
   teaching.takes("teach");
 }
 

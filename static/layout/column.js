@@ -121,7 +121,7 @@ export class Column extends PagePart {
   }
 }
 
-const NARROW_PX = 600;
+const NARROW_PX = 600; // a phone
 const HELD = "Position x y z in the object frame";
 const ONLY_SHOWN = ["result", "look", "garment"]; // actions that do nothing else
 
