@@ -93,14 +93,10 @@ export class GarmentPanel extends PagePart {
     /** @param {string} part @param {unknown[]} key @param {() => Child} build */
     const show = (part, key, build) => rebuild(byId(`garment-${part}`), key, build);
     const kind = found?.kind;
-    show("tools", [Boolean(found)], () => found && this.tools());
+    byId("garment-tools").hidden = !found;
     show("kinds", [found?.probabilities, kind, found?.by_hand], () => found && this.kinds(found, known.kinds));
     show("points", [kind, found?.points], () => kind && this.points(found));
     show("dimensions", [kind, found?.dimensions], () => kind && dimensions(found));
-  }
-
-  tools() {
-    return [this.page.smallButton("garment", "Outline"), this.page.smallButton("upright")];
   }
 
   kinds(/** @type {FoundGarment} */ found, /** @type {string[]} */ names) {

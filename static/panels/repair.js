@@ -2,7 +2,7 @@
 
 import { applied, unapplied } from "../canvas/geometry.js";
 import { drawDot, strokeRimmed } from "../canvas/marks.js";
-import { buttonOf, byId, closeButton, make, rebuild, setPressed, setText } from "../page/dom.js";
+import { byId, closeButton, make, rebuild, setText } from "../page/dom.js";
 import { cm2, number } from "../page/format.js";
 
 const REACH_PX = 11;
@@ -54,10 +54,6 @@ export class Repair {
     }
     byId("repair").hidden = !state.pending;
     if (!state.pending) return;
-    const tools = byId("repair-tools");
-    rebuild(tools, ["repair"], () => [this.page.button("pairs"), this.page.button("refine", "Refine")]);
-    setPressed(buttonOf("pairs", tools), this.picking);
-    setPressed(buttonOf("refine", tools), false);
     this.showPieces(state.pending);
     this.showPairs();
   }
@@ -136,6 +132,10 @@ export class Repair {
     if (!this.picking) return false;
     this.toggle();
     return true;
+  }
+
+  get pressed() {
+    return { pairs: this.picking };
   }
 
   get status() {

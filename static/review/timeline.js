@@ -17,7 +17,6 @@ export const STATES = {
 export const ACCEPTED = ["accepted", "fixed"];
 export const DECIDED = [...ACCEPTED, "rejected", "skipped", "later"];
 const DRAG_PX = 5;
-const TOOLS = ["play_views", "review", "result"];
 const PLAY_MS = 400; // a view; its image is there in less
 
 export class Timeline {
@@ -29,7 +28,6 @@ export class Timeline {
     this.page = page;
     this.choose = choose;
     this.row = byId("timeline");
-    this.tools = byId("timeline-tools");
     this.scrubbed = /** @type {number | null} */ (null); // view that the item was turned to
     this.from = /** @type {number | null} */ (null); // where the pointer went down
     this.dragged = this.listed = false;
@@ -42,14 +40,13 @@ export class Timeline {
   }
 
   update(/** @type {State} */ state) {
-    const small = Boolean(state.capture);
+    byId("timeline-tools").hidden = Boolean(state.capture);
     const labels = [this.page.brush?.addressOf(0), this.page.brush?.certain];
     this.listed = !byId("review-list").hidden || !this.page.isSettled; // the list has the pictures, or they wait
     const at = [state.present_view, Boolean(state.pending)];
     rebuild(this.row, [state.views, at, state.review?.token, labels, this.listed], () =>
       state.views.map((view) => this.cell(view, state)),
     );
-    rebuild(this.tools, [small], () => (small ? [] : TOOLS.map((name) => this.page.button(name))));
     markPresent(state.present_view);
   }
 
