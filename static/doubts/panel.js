@@ -24,10 +24,6 @@ const QUESTIONS = {
   seam: "Do both sides meet here?",
 };
 
-/** @typedef {import("../page/messages").Doubt} Doubt */
-/** @typedef {import("../page/messages").Choice} Choice */
-/** @typedef {import("../page/messages").DoubtsInfo} DoubtsInfo */
-
 export class DoubtsPanel extends PagePart {
   name = "doubts";
   /** @type {Fetched<DoubtsInfo>} */
@@ -287,7 +283,8 @@ export class DoubtsPanel extends PagePart {
   get held() {
     const { doubt, canvas } = this;
     if (!doubt?.outline_uv_m.length || !this.asks || this.page.hasCamera || canvas.side === "other") return null;
-    const likely = doubt.choices.filter(({ probability, how }) => how !== "hand" && (probability ?? 0) >= LEAST);
+    const hasPlace = (/** @type {Choice} */ { how }) => doubt.kind === "joint" || how === "place";
+    const likely = doubt.choices.filter((choice) => hasPlace(choice) && (choice.probability ?? 0) >= LEAST);
     /** @type {Held} */
     const held = {
       arm: doubt.arm_uv_m,
@@ -307,6 +304,7 @@ export class DoubtsPanel extends PagePart {
     if (held) canvas.preview = canvas.byOf(motionOf(doubt.choices[n]));
     canvas.redraw();
     this.page.changed();
+    this.bring();
   }
 
   next() {

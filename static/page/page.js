@@ -108,11 +108,6 @@ export class Page {
     return button;
   }
 
-  /** Small buttons of actions, as a group. */
-  group(/** @type {string} */ label, /** @type {string[]} */ actions) {
-    return make("div.group", { role: "group", label }, ...actions.map((name) => this.smallButton(name)));
-  }
-
   /** A button that turns the item to a view. @param {number} view @param {string} key @param {string} text */
   turnTo(view, key, text) {
     const click = () => this.send({ type: "turn_to", view_index: view });

@@ -49,6 +49,9 @@ declare global {
   type Pairs = M.ShownPairs;
   type Seen = M.SeenView;
   type SeenViews = M.SeenViews;
+  type Doubt = M.Doubt;
+  type Choice = M.Choice;
+  type DoubtsInfo = M.DoubtsInfo;
   type ItemBox = M.ItemBox;
   type PixelValues = M.PixelValues;
   type FrameInfo = M.FrameInfo;
