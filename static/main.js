@@ -58,7 +58,7 @@ const canvas = (page.canvas = new FlatCanvas({
   shown: () => settle(),
 }));
 let decidedMs = -Infinity; // when the last verdict was given
-const nudges = new KeyNudges(canvas, () => page.state, sendMove);
+const nudges = new KeyNudges(page, sendMove);
 const hover = page.add(new Hover(page));
 const comparison = (page.comparison = page.add(new Comparison(page)));
 const looking = (page.looking = page.add(new Looking(page)));

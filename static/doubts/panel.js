@@ -36,6 +36,7 @@ export class DoubtsPanel extends PagePart {
   notice = ""; // about the place that was clicked
   rests = { revision: /** @type {number | null} */ (null), timer: 0 };
   fitted = { key: "", text: "" };
+  wasShown = false;
   drawn = /** @type {Piece[]} */ ([]);
   actions = { doubts: () => this.toggle(), doubt_next: () => this.next(), doubt_decide: () => this.decide() };
   section = byId("doubts");
@@ -82,7 +83,6 @@ export class DoubtsPanel extends PagePart {
   toggle() {
     const { column } = this.page;
     column.choose(this.shown ? column.usual : "doubts");
-    this.bring();
   }
 
   /** Bring what is chosen into sight. */
@@ -104,6 +104,8 @@ export class DoubtsPanel extends PagePart {
     const shown = [this.found, this.chosen, this.at, this.notice, this.isBehind, state.layers?.pieces];
     rebuild(this.section, shown, () => this.build());
     this.showFit();
+    if (this.shown && !this.wasShown) this.bring();
+    this.wasShown = this.shown;
   }
 
   /** Ask what is in doubt about the shape; true: not known yet. */

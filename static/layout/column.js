@@ -89,7 +89,7 @@ export class Column extends PagePart {
   /** After an action: bring the part in which its effect is seen. */
   reveal(/** @type {string} */ action) {
     const part = this.partOf(action);
-    if (part && this.parts.some(([name]) => name === part)) this.choose(part);
+    if (part && part !== this.part && this.parts.some(([name]) => name === part)) this.choose(part);
   }
 
   partOf(/** @type {string} */ action) {

@@ -47,7 +47,10 @@ export class Timeline {
     rebuild(this.row, [state.views, at, state.review?.token, labels, this.listed], () =>
       state.views.map((view) => this.cell(view, state)),
     );
-    markPresent(state.present_view);
+    this.cells.forEach((view, i) => {
+      view.classList.toggle("present", i === state.present_view);
+      setCurrent(view, i === state.present_view);
+    });
   }
 
   cell(/** @type {ViewRow} */ view, /** @type {State} */ state) {
@@ -184,12 +187,4 @@ function whatAPressDoes(/** @type {ViewRow} */ view, /** @type {State} */ state)
   if (DECIDED.includes(view.state)) return "\nClick: look at the decision, reopen it. Drag: turn the item.";
   if (view.why_not === null) return "\nClick: propose this view. Drag: turn the item.";
   return view.state === "unused" ? `\nNot now: ${view.why_not}` : "";
-}
-
-/** Mark the view at whose rotation the item stands. */
-export function markPresent(/** @type {number | null} */ index) {
-  [...byId("timeline").children].forEach((view, i) => {
-    view.classList.toggle("present", i === index);
-    setCurrent(view, i === index);
-  });
 }
