@@ -57,6 +57,8 @@ export class Page {
 
   run = (/** @type {string} */ name) => this.handlers.run(name);
 
+  decide = (/** @type {string} */ name, more = {}) => this.handlers.decide(name, more);
+
   /** Draw the page again, after something of this tab has changed. */
   changed() {
     if (this.thisSide) this.handlers.show(this.thisSide);

@@ -275,7 +275,7 @@ export class SourcePanel extends PagePart {
     if (folded || this.view === null) return;
     setText(byId("source-title"), `View ${this.view} · ${number(this.page.state.views[this.view].angle_deg, 0)}°`);
     const back = byId("source-back");
-    back.hidden = this.pinned === null;
+    back.hidden = this.view === this.present;
     setText(back, `Back to view ${this.present}`);
     setPressed(buttonOf("source_mask", this.panel), this.masked.on);
     setPressed(buttonOf("source_states", this.panel), this.states.on);

@@ -3,6 +3,7 @@
 
 import { byId, make, rebuild, setCurrent, taken, targetOf, within } from "../page/dom.js";
 import { number } from "../page/format.js";
+import { PagePart } from "../page/page.js";
 
 export const STATES = {
   start: ["●", "start view"],
@@ -19,19 +20,18 @@ export const DECIDED = [...ACCEPTED, "rejected", "skipped", "later"];
 const DRAG_PX = 5;
 const PLAY_MS = 400; // a view; its image is there in less
 
-export class Timeline {
+export class Timeline extends PagePart {
   name = "timeline";
   actions = { play_views: () => this.play() };
+  row = byId("timeline");
+  scrubbed = /** @type {number | null} */ (null); // view that the item was turned to
+  from = /** @type {number | null} */ (null); // where the pointer went down
+  dragged = false;
+  listed = false; // the list has the pictures, or they wait
+  timer = 0; // while the views are played
 
-  /** `choose(view)` is what a press on a view means. */
-  constructor(/** @type {Page} */ page, /** @type {(view: ViewRow) => void} */ choose) {
-    this.page = page;
-    this.choose = choose;
-    this.row = byId("timeline");
-    this.scrubbed = /** @type {number | null} */ (null); // view that the item was turned to
-    this.from = /** @type {number | null} */ (null); // where the pointer went down
-    this.dragged = this.listed = false;
-    this.timer = 0; // while the views are played
+  constructor(/** @type {Page} */ page) {
+    super(page);
     this.row.addEventListener("pointerdown", (event) => (this.from = event.button === 0 ? event.clientX : null));
     this.row.addEventListener("pointermove", (event) => this.drag(event));
     this.row.addEventListener("click", (event) => this.dragged && taken(event), true);
@@ -42,7 +42,7 @@ export class Timeline {
   update(/** @type {State} */ state) {
     byId("timeline-tools").hidden = Boolean(state.capture);
     const labels = [this.page.brush?.addressOf(0), this.page.brush?.certain];
-    this.listed = !byId("review-list").hidden || !this.page.isSettled; // the list has the pictures, or they wait
+    this.listed = !byId("review-list").hidden || !this.page.isSettled;
     const at = [state.present_view, Boolean(state.pending)];
     rebuild(this.row, [state.views, at, state.review?.token, labels, this.listed], () =>
       state.views.map((view) => this.cell(view, state)),
@@ -66,7 +66,7 @@ export class Timeline {
         key: `view-${view.index}`,
         tip: about + whatAPressDoes(view, state),
         tabindex: view.index === (state.present_view ?? 0) ? 0 : -1, // page/roving.js: one stop of Tab
-        click: () => this.choose(view),
+        click: () => this.page.verdicts.press(view),
       },
       shown && make("span.pair", ...this.pictures(view, state, labelled)),
       drawn("span.sign", view.flagged ? "⚑" : STATES[view.state][0]),
