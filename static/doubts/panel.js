@@ -156,7 +156,7 @@ export class DoubtsPanel extends PagePart {
     if (!doubt) return "";
     const { kind, title, area_cm2, probability } = doubt;
     const share = percent(placeOf(doubt)?.probability ?? 0);
-    if (kind === "piece") return `The garment has a place for piece ${title}, ${cm2(area_cm2)} (${share})`;
+    if (kind === "piece") return `The garment has a place for piece ${title}, ${cm2(area_cm2)} (${share} sure)`;
     return `${cm2(area_cm2)} hang on one joint that is right with a probability of ${number(100 * probability, 1)} %`;
   }
 
