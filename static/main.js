@@ -43,7 +43,7 @@ const AGAIN_MS = 400; // a second press so soon after a verdict is the same one:
 const LEAST_MOVE_M = 0.00005; // what is shown as 0.0 mm and 0.0° is no move
 const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
 
-const page = new Page({ send, notify, run, show });
+const page = new Page({ send, notify, run, show, decide });
 const canvas = (page.canvas = new FlatCanvas({
   // With a camera the frame that was clicked is the one that is meant, not the one that is on its way.
   pick: (u, v) =>
@@ -58,7 +58,7 @@ const canvas = (page.canvas = new FlatCanvas({
   shown: () => settle(),
 }));
 let decidedMs = -Infinity; // when the last verdict was given
-const nudges = new KeyNudges(canvas, () => page.state, sendMove);
+const nudges = new KeyNudges(page, sendMove);
 const hover = page.add(new Hover(page));
 const comparison = (page.comparison = page.add(new Comparison(page)));
 const looking = (page.looking = page.add(new Looking(page)));
@@ -69,11 +69,11 @@ page.sceneMarks = page.add(new SceneMarks(page));
 page.add(new Dial(page));
 page.add(new StatusLines(page));
 for (const Panel of PANELS) page.add(new Panel(page));
-const repair = page.add(new Repair(page, nudges));
+const repair = page.add(new Repair(page));
 page.add(new Handles(page, () => repair.picking));
 const capture = /** @type {CapturePanel} */ (page.panels.find((panel) => panel instanceof CapturePanel));
-page.verdicts = page.add(new Verdicts(page, decide));
-page.add(new Timeline(page, chooseView));
+page.verdicts = page.add(new Verdicts(page));
+page.add(new Timeline(page));
 page.add(new ReviewList(page));
 page.add(new ResultPanel(page));
 const column = (page.column = page.add(new Column(page))); // after all that have a part of it
@@ -138,7 +138,6 @@ function show(/** @type {State} */ state) {
   if (page.hasCamera || !(state.layers || state.drawing || state.phase === "computing")) settle();
   else if (state.sides) openScene(); // while they are being found, it shows a view
   page.each("update", page.state);
-  teaching?.follow();
   if (page.hasCamera) showFrame(state);
   else showLayer(page.state);
   takeServerLog(state.log, state.auto.running);
@@ -186,11 +185,6 @@ function decide(/** @type {string} */ name, more = {}) {
   send({ type: "do", action, ...(isVerdict ? { view_index: pending.view_index } : {}), ...more });
 }
 
-function chooseView(/** @type {ViewRow} */ view) {
-  if (page.state.capture) return notify("info", view.why_not ?? "");
-  page.verdicts.press(view);
-}
-
 function run(/** @type {string} */ name, large = false) {
   if (!page.state || teaching?.takes(name)) return;
   if (name.startsWith("teach_")) return notify("info", "Open the teaching mode first (H).");
@@ -203,6 +197,7 @@ function run(/** @type {string} */ name, large = false) {
     return;
   }
   if (name === "accept" && page.panels.some((panel) => panel.mayAccept?.(page.state) === false)) return;
+  if (!isMove(name)) nudges.flush(); // what is done next is meant for where the keys have moved the proposal
   layout.reveal(name);
   if (column.brings(name)) return;
   const perform = PAGE_ACTIONS[name] ?? page.actionOf(name);
@@ -224,28 +219,14 @@ const PART = { description: "Show this part of the column.", keys: [], group: "c
 
 async function openLessons() {
   await loadFrame();
-  teaching ??= new Teaching({
-    actions: () => page.state.actions,
-    name: () => page.state.recording.name,
-    startView: () => page.state.start_view,
-    views: () => page.state.views.length,
-    progress: () => page.state.lesson,
-    garment: () => page.state.garment?.revision ?? 0,
-    doubts: () => page.doubts.found?.revision ?? null,
-    findOther: () => page.thisSide.other?.layers ?? send({ type: "other_side" }),
-    shape: () => page.doubts.lesson,
-    run,
-  });
+  teaching ??= page.add(new Teaching(page));
   teaching.takes("teach");
 }
 
 /** @type {NonNullable<Panel["actions"]>} */
 const PAGE_ACTIONS = {
   teach: openLessons,
-  auto() {
-    nudges.flush();
-    send({ type: "auto", running: !page.state.auto.running });
-  },
+  auto: () => send({ type: "auto", running: !page.state.auto.running }),
   reject_menu() {
     const about = { description: "Reject the proposed view for this reason.", group: "reasons" };
     const rows = page.state.reject_reasons.map((name, n) => ({ name, title: name, keys: [String(n + 1)], ...about }));

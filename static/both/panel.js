@@ -11,7 +11,6 @@ const SHEETS = ["this", "other"];
 
 export class BothSides extends PagePart {
   name = "bothSides";
-  other = /** @type {NonNullable<State["other"]> | null} */ (null);
   turnsOnceKnown = false;
   actions = { turn_over: () => this.turnOver(), beside: () => this.toggleBeside() };
   section = byId("both-sides");
@@ -20,6 +19,10 @@ export class BothSides extends PagePart {
   constructor(/** @type {import("../page/page").Page} */ page) {
     super(page);
     page.canvas.around.push(() => this.behind.flat());
+  }
+
+  get other() {
+    return this.page.state?.other ?? null;
   }
 
   get pressed() {
@@ -34,7 +37,6 @@ export class BothSides extends PagePart {
   }
 
   update(/** @type {State} */ state) {
-    this.other = state.other ?? null;
     this.section.hidden = !this.other || !state.layers;
     if (!this.other?.layers && this.canvas.side === "other") this.turn("this");
     if (this.other?.layers && this.turnsOnceKnown) {
@@ -89,11 +91,6 @@ export class BothSides extends PagePart {
 
   show(/** @type {NonNullable<State["other"]>} */ other) {
     const { list, isBehind } = this.page.doubts;
-    rebuild(this.section, ["both"], () => [
-      make("h2", "Both sides"),
-      this.page.group("Sides, shown", ["beside", "doubts"]),
-      make("div#both-about"),
-    ]);
     rebuild(byId("both-about"), [other, list.length, isBehind], () => [
       this.progress(other),
       other.layers && this.areas(other.layers, other),
@@ -131,10 +128,10 @@ export class BothSides extends PagePart {
     for (const loop of this.behind) strokeLoop(this.canvas, loop, color, 1.5, { rim: 1, dash: [6, 5] });
   }
 
-  /** The outline of each sheet behind the other one, where that is shown. */
+  /** The outline of each sheet behind the other one, where that is shown; not while cloth of one is asked about. */
   get behind() {
-    const { found } = this.page.doubts;
-    if (!found || !this.other?.is_related || this.page.hasCamera) return [];
+    const { found, held } = this.page.doubts;
+    if (!found || held || !this.other?.is_related || this.page.hasCamera) return [];
     return SHEETS.flatMap((sheet) => {
       const loops = sheet === "this" ? found.other_outline_uv_m : found.this_outline_uv_m;
       return loops.map((loop) =>

@@ -3,7 +3,7 @@
 
 import { applied, boxOf } from "./geometry.js";
 import { drawLabel, drawRing, strokeLine, strokeRimmed, traceCross } from "./marks.js";
-import { hasKeys } from "../page/dom.js";
+import { hasKeys, within } from "../page/dom.js";
 
 const REACH_PX = hasKeys() ? 13 : 24; // of a mouse or a finger
 const ABOVE_PX = 26; // of the ring over the proposal
@@ -120,7 +120,8 @@ export class Handles {
     context.textBaseline = "middle";
     const width = context.measureText(ghost.title).width + 8;
     const { ring, edge } = this.places ?? { ring: { y }, edge: { y } };
-    const at = { x: x - width / 2, y: (ring.y > edge.y ? y - LABEL_PX : y + LABEL_PX) - 9, w: width, h: 18 }; // off its middle
+    const left = within(x - width / 2, 0, canvas.width - width);
+    const at = { x: left, y: (ring.y > edge.y ? y - LABEL_PX : y + LABEL_PX) - 9, w: width, h: 18 }; // off its middle
     while (named.some((one) => Math.abs(one.y - at.y) < 19 && one.x < at.x + at.w && at.x < one.x + one.w)) at.y += 2;
     named.push(at);
     drawLabel(context, style, ghost.title, [at.x + 4, at.y + 9], [at.x, at.y, at.w, at.h]);

@@ -149,12 +149,12 @@ export function strokeLoop(
 /**
  * Seams of a list at their places in the pane: small, those that are doubted in another colour; the chosen one large.
  * @param {Context} context @param {Style} style @param {{ at: Point[]; doubted: boolean }[]} seams
- * @param {number | null} chosen
+ * @param {number | null} chosen @param {boolean} alone the chosen one only
  */
-export function drawSeams(context, style, seams, chosen) {
+export function drawSeams(context, style, seams, chosen, alone) {
   seams.forEach(({ at, doubted }, n) => {
     context.fillStyle = style.getPropertyValue(doubted ? "--warn" : "--seam");
-    if (n !== chosen) for (const { x, y } of at) context.fillRect(x - 2, y - 2, 4, 4);
+    if (n !== chosen && !alone) for (const { x, y } of at) context.fillRect(x - 2, y - 2, 4, 4);
   });
   const large = chosen === null ? [] : seams[chosen].at;
   for (const at of large) drawDot(context, at, style.getPropertyValue("--accent"), 3.5);

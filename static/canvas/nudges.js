@@ -16,24 +16,21 @@ const PAUSE_MS = 250; // keys closer together than this are one gesture
 export const isMove = (/** @type {string} */ name) => name in MOVES;
 
 export class KeyNudges {
-  /**
-   * `state()` is the present state; `send({theta, u, v})` moves the proposal for good.
-   * @param {FlatCanvas} canvas @param {() => State} state @param {(by: By) => void} send
-   */
-  constructor(canvas, state, send) {
-    this.canvas = canvas;
-    this.state = state;
+  gesture = /** @type {{ view: number; by: By; timer?: number } | null} */ (null);
+
+  /** `send({theta, u, v})` moves the proposal for good. @param {Page} page @param {(by: By) => void} send */
+  constructor(page, send) {
+    this.page = page;
     this.send = send;
-    this.gesture = /** @type {{ view: number; by: By; timer?: number } | null} */ (null);
   }
 
   /** Move by an action of the table, so many times its step. */
   move(/** @type {string} */ name, /** @type {number} */ times) {
-    const { settings, pending } = this.state();
+    const { settings, pending } = this.page.state;
     const [turn, right, down] = MOVES[name].map((steps) => steps * times);
     const step = settings.step_mm / 1000;
-    const by = this.canvas.asSeen((turn * settings.step_deg * Math.PI) / 180, right * step, down * step);
-    this.canvas.movePreview(by);
+    const by = this.page.canvas.asSeen((turn * settings.step_deg * Math.PI) / 180, right * step, down * step);
+    this.page.canvas.movePreview(by);
     this.gesture ??= { view: pending?.view_index ?? -1, by: { theta: 0, u: 0, v: 0 } };
     addTo(this.gesture.by, by);
     clearTimeout(this.gesture.timer);
@@ -46,6 +43,6 @@ export class KeyNudges {
     clearTimeout(this.gesture.timer);
     const { view, by } = this.gesture;
     this.gesture = null;
-    if (this.state().pending?.view_index === view) this.send(by);
+    if (this.page.state.pending?.view_index === view) this.send(by);
   }
 }

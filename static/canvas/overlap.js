@@ -10,7 +10,6 @@ const LEAST_CM2 = 2; // so much joins in any case: it holds two pairs of places,
 const STEP_M = 0.002; // at which gaps are looked for
 const ACROSS_M = 0.004; // from the outline of a part to the cloth that is compared on either side
 
-/** @typedef {import("../page/messages").Doubt} Doubt */
 /** @typedef {(u: number, v: number) => boolean} Covers whether there is cloth at a place */
 
 /** What tells whether a place is cloth of the shape, not of the pieces beside it. @param {Page} page @returns {Covers} */

@@ -1,6 +1,6 @@
 // The floating pieces on the flattened view: a rectangle in its colour, and its letter with the area.
 
-import { applied, boxOf, cornersOf } from "./geometry.js";
+import { applied, boxOf, boxOfPoints, cornersOf } from "./geometry.js";
 import { drawLabel, strokeLine } from "./marks.js";
 import { within } from "../page/dom.js";
 import { number } from "../page/format.js";
@@ -15,13 +15,16 @@ const FONT = "600 14px system-ui, sans-serif";
  * @param {string | null} chosen @param {Motion} by
  */
 export function drawPieces(canvas, context, style, pieces, chosen, by = [0, 0, 0]) {
-  const taken = /** @type {Tag[]} */ ([]);
-  for (const piece of pieces) {
-    const corners = cornersOf(boxOf(piece.grid)).map((uv) => canvas.transform.toPane(...applied(by, ...uv)));
+  const rims = pieces.map((piece) =>
+    cornersOf(boxOf(piece.grid)).map((uv) => canvas.transform.toPane(...applied(by, ...uv))),
+  );
+  const boxes = rims.map((corners) => boxOfPoints(corners.flatMap(({ x, y }) => [x, y])));
+  const taken = [...boxes];
+  pieces.forEach((piece, n) => {
     const chosenOne = piece.label === chosen;
-    strokeLine(context, [...corners, corners[0]], piece.color, chosenOne ? 3 : 1.5, chosenOne ? [] : [5, 4]);
-    taken.push(drawTag(canvas, style, corners, piece, taken));
-  }
+    strokeLine(context, [...rims[n], rims[n][0]], piece.color, chosenOne ? 3 : 1.5, chosenOne ? [] : [5, 4]);
+    taken.push(drawTag(canvas, style, boxes[n], piece, taken));
+  });
 }
 
 /**
@@ -71,30 +74,35 @@ export function drawCaption(canvas, style, text, places = []) {
   lines.forEach((line, n) => drawLabel(context, style, line, [x + 6, y + 20 * n + 10], [x, y + 20 * n, width, 20]));
 }
 
-/** @typedef {{ x: number; top: number; right: number }} Tag */
-
 /**
- * Within the canvas, so that the area can be read; below the tags that lie there.
- * @param {FlatCanvas} canvas @param {Style} style @param {Point[]} corners @param {Piece} piece @param {Tag[]} taken
+ * Within the canvas, so that the area can be read; where it covers neither a piece nor a tag.
+ * @param {FlatCanvas} canvas @param {Style} style @param {Box} box of the piece @param {Piece} piece
+ * @param {Box[]} taken
  */
-function drawTag(canvas, style, corners, piece, taken) {
+function drawTag(canvas, style, { left, right, top: highest, bottom: lowest }, piece, taken) {
   const { context } = canvas;
   const text = `${piece.label} · ${number(piece.area_cm2, 0)} cm²`;
   context.font = FONT;
   context.textBaseline = "middle";
   const width = context.measureText(text).width + 20;
-  const [left, right, highest, lowest] = ["x", "y"].flatMap((axis) => {
-    const all = corners.map((corner) => corner[/** @type {"x" | "y"} */ (axis)]);
-    return [Math.min(...all), Math.max(...all)];
-  });
   const middle = (left + right) / 2;
   const x = middle > 0 && middle < canvas.width ? within(middle - width / 2, 0, canvas.width - width) : middle;
-  // Away from the shape.
-  let top = highest + lowest < canvas.height ? highest - HIGH_PX - 2 : Math.min(lowest + 2, canvas.height - HIGH_PX);
-  const covered = () => taken.find((tag) => x < tag.right && x + width > tag.x && Math.abs(top - tag.top) < HIGH_PX);
-  for (let tag = covered(); tag; tag = covered()) top = tag.top + HIGH_PX + 1;
+  // Away from the shape, if there is room.
+  const ways = [
+    { from: highest - HIGH_PX - 2, step: -HIGH_PX - 1 },
+    { from: Math.min(lowest + 2, canvas.height - HIGH_PX), step: HIGH_PX + 1 },
+  ];
+  if (highest + lowest >= canvas.height) ways.reverse();
+  const tops = [...Array(taken.length).keys()].flatMap((n) => ways.map(({ from, step }) => from + n * step));
+  const boxAt = (/** @type {number} */ y) => ({ left: x, right: x + width, top: y, bottom: y + HIGH_PX });
+  const isFree = (/** @type {number} */ y) =>
+    y >= 0 && y <= canvas.height - HIGH_PX && !taken.some((one) => meet(one, boxAt(y)));
+  const top = tops.find(isFree) ?? tops[0];
   drawLabel(context, style, text, [x + 12, top + 10], [x, top, width, HIGH_PX]);
   context.fillStyle = piece.color;
   context.fillRect(x, top, 6, HIGH_PX);
-  return { x, top, right: x + width };
+  return boxAt(top);
 }
+
+/** @param {Box} a @param {Box} b */
+const meet = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;

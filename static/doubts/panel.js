@@ -24,10 +24,6 @@ const QUESTIONS = {
   seam: "Do both sides meet here?",
 };
 
-/** @typedef {import("../page/messages").Doubt} Doubt */
-/** @typedef {import("../page/messages").Choice} Choice */
-/** @typedef {import("../page/messages").DoubtsInfo} DoubtsInfo */
-
 export class DoubtsPanel extends PagePart {
   name = "doubts";
   /** @type {Fetched<DoubtsInfo>} */
@@ -40,6 +36,7 @@ export class DoubtsPanel extends PagePart {
   notice = ""; // about the place that was clicked
   rests = { revision: /** @type {number | null} */ (null), timer: 0 };
   fitted = { key: "", text: "" };
+  wasShown = false;
   drawn = /** @type {Piece[]} */ ([]);
   actions = { doubts: () => this.toggle(), doubt_next: () => this.next(), doubt_decide: () => this.decide() };
   section = byId("doubts");
@@ -86,7 +83,6 @@ export class DoubtsPanel extends PagePart {
   toggle() {
     const { column } = this.page;
     column.choose(this.shown ? column.usual : "doubts");
-    this.bring();
   }
 
   /** Bring what is chosen into sight. */
@@ -108,6 +104,8 @@ export class DoubtsPanel extends PagePart {
     const shown = [this.found, this.chosen, this.at, this.notice, this.isBehind, state.layers?.pieces];
     rebuild(this.section, shown, () => this.build());
     this.showFit();
+    if (this.shown && !this.wasShown) this.bring();
+    this.wasShown = this.shown;
   }
 
   /** Ask what is in doubt about the shape; true: not known yet. */
@@ -153,11 +151,12 @@ export class DoubtsPanel extends PagePart {
 
   /** What most doubtful cloth hangs on, or where it belongs, in words; "": nothing is doubtful; null: that is not known. */
   get told() {
-    if (!this.found || this.found.trouble) return null;
+    if (!this.found || this.isBehind || this.found.trouble) return null;
     const doubt = this.list.find(({ weak }) => weak);
     if (!doubt) return "";
     const { kind, title, area_cm2, probability } = doubt;
-    if (kind === "piece") return `The garment has a place for piece ${title}, ${cm2(area_cm2)}`;
+    const share = percent(placeOf(doubt)?.probability ?? 0);
+    if (kind === "piece") return `The garment has a place for piece ${title}, ${cm2(area_cm2)} (${share} sure)`;
     return `${cm2(area_cm2)} hang on one joint that is right with a probability of ${number(100 * probability, 1)} %`;
   }
 
@@ -171,11 +170,12 @@ export class DoubtsPanel extends PagePart {
   // --- the panel ---------------------------------------------------------------------------------
 
   build() {
-    const { found, list } = this;
+    const { found, list, isBehind } = this;
     const kinds = /** @type {(keyof typeof GROUPS)[]} */ (Object.keys(GROUPS));
     return [
       heading("Doubts"),
-      !found && make("p.note", { role: "status" }, "Looking for what is in doubt …"),
+      (!found || isBehind) &&
+        make("p.note", { role: "status" }, `Looking for what is in doubt${found ? " about the new shape" : ""} …`),
       found?.trouble && make("p.note", found.trouble),
       found &&
         !list.length &&
@@ -285,7 +285,8 @@ export class DoubtsPanel extends PagePart {
   get held() {
     const { doubt, canvas } = this;
     if (!doubt?.outline_uv_m.length || !this.asks || this.page.hasCamera || canvas.side === "other") return null;
-    const likely = doubt.choices.filter(({ probability, how }) => how !== "hand" && (probability ?? 0) >= LEAST);
+    const hasPlace = (/** @type {Choice} */ { how }) => doubt.kind === "joint" || how === "place";
+    const likely = doubt.choices.filter((choice) => hasPlace(choice) && (choice.probability ?? 0) >= LEAST);
     /** @type {Held} */
     const held = {
       arm: doubt.arm_uv_m,
@@ -305,6 +306,7 @@ export class DoubtsPanel extends PagePart {
     if (held) canvas.preview = canvas.byOf(motionOf(doubt.choices[n]));
     canvas.redraw();
     this.page.changed();
+    this.bring();
   }
 
   next() {
@@ -345,7 +347,7 @@ export class DoubtsPanel extends PagePart {
   get fit() {
     const { doubt, canvas, choice, page } = this;
     if (!doubt?.outline_uv_m.length || ["cut", "hand"].includes(choice?.how ?? "")) return "";
-    if (choice && doubt.kind === "piece") return "";
+    if (choice?.std_mm) return `This place of the garment is known to ± ${mm(choice.std_mm, 0)}.`;
     const key = `${canvas.layer.shown?.address} ${doubt.title} ${canvas.motion}`;
     if (this.fitted.key !== key) {
       const colorAt = page.layer === "color" ? canvas.layer.colorAt : null;
@@ -445,16 +447,21 @@ export class DoubtsPanel extends PagePart {
     if (!this.shown) return;
     if (doubt) this.drawAt(doubt, [0, 0, 0], "--accent");
     const marks = list.map((each) => ({ at: this.marksOf(each), doubted: each.weak || each.is_apart }));
-    drawSeams(context, style, marks, this.chosen);
+    drawSeams(context, style, marks, this.chosen, Boolean(this.held));
   }
 
-  /** Where pieces lie by the garment, and where one comes to lie that goes along with the proposal. */
+  /**
+   * Where pieces lie by the garment, if that is known better than their size and nothing else is asked about; and where
+   * one comes to lie that goes along with the proposal.
+   */
   drawPlaces() {
-    for (const doubt of this.list) {
+    for (const doubt of this.held || this.isBehind ? [] : this.list) {
       const piece = this.pieceOf(doubt);
-      const there = doubt.choices.find(({ how }) => how === "place");
-      const isOpen = piece?.placed || doubt.choices.some(({ how }) => how === "cut");
-      if (!piece || !isOpen || this.isBehind) continue;
+      const there = placeOf(doubt);
+      const { probability, std_mm } = there ?? {};
+      const isOpen = doubt.choices.some(({ how }) => how === "cut") && (probability ?? 0) > 0.5;
+      const isKnown = isOpen && (std_mm ?? Infinity) < 1000 * Math.hypot(...doubt.arm_uv_m);
+      if (!piece || !(piece.placed || isKnown)) continue;
       const motion = piece.placed || !there ? [0, 0, 0] : motionOf(there);
       for (const loop of loopsAt(doubt, /** @type {Motion} */ (motion)))
         strokeLoop(this.canvas, loop, piece.color, 1.5, { dash: piece.placed ? [] : [5, 4] });
@@ -491,5 +498,6 @@ export const motionOf = (/** @type {Choice} */ { placement: { theta_rad, u_m, v_
 /** The outlines of its cloth, moved by so much. @param {Doubt} doubt @param {Motion} by */
 export const loopsAt = ({ outline_uv_m }, by) => outline_uv_m.map((loop) => loop.map(([u, v]) => applied(by, u, v)));
 
-const shareOf = (/** @type {Choice} */ { probability, std_mm }) =>
-  [probability !== null && percent(probability), std_mm !== null && `± ${mm(std_mm, 0)}`].filter(Boolean).join(", ");
+const placeOf = (/** @type {Doubt} */ { choices }) => choices.find(({ how }) => how === "place");
+
+const shareOf = (/** @type {Choice} */ { probability }) => (probability === null ? "" : percent(probability));

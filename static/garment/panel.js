@@ -24,11 +24,14 @@ const NONE = "none of these";
 /** An angle within a full turn. */
 const full = (/** @type {number} */ angle) => (angle + 2 * Math.PI) % (2 * Math.PI);
 const SURE = 0.995; // the line above says it all
+const GRAB_PX = 10;
+const CLICK_PX = 4;
+
+/** @typedef {{ outline_uv_m: UV[]; points: GarmentPoint[] }} Outlined */
 
 export class GarmentPanel extends PagePart {
   name = "garment";
   shown = true; // outline and points on the canvas
-  known = /** @type {State["garment"]} */ (null); // what the server says
   pointed = /** @type {string | null} */ (null); // the name of the point that is pointed at
   finished = false; // whether the finished shape was turned upright
   turnedFrom = /** @type {number | null} */ (null); // how the view was turned before it was turned upright, on the shown side
@@ -36,13 +39,25 @@ export class GarmentPanel extends PagePart {
   moved = /** @type {{ name: string; u: number; v: number } | null} */ (null); // a point that the keys move
   actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
   section = byId("garment");
-  drawing = new GarmentDrawing(this.page, this);
+  preview = /** @type {Outlined | null} */ (null); // outline and points while one of them is moved
+  grabbed = /** @type {(Point & { name: string; moved: boolean }) | null} */ (null); // by the pointer
+  revision = 0;
+  question = this.page.question(
+    "garment_preview",
+    (id, /** @type {Place & { name: string }} */ about) => this.page.send({ type: "preview_point", id, ...about }),
+    (preview) => this.showPreview(preview),
+  );
 
   constructor(/** @type {Page} */ page) {
     super(page);
     // The outline, once the shape is upright; of the first views it may lie anywhere.
     const isShown = () => this.turnedFrom !== null && page.canvas.side === "this";
-    page.canvas.around.push(() => (isShown() && this.drawing.drawn?.outline_uv_m) || []);
+    page.canvas.around.push(() => (isShown() && this.drawn?.outline_uv_m) || []);
+  }
+
+  /** What the server says. */
+  get known() {
+    return this.page.state?.garment ?? null;
   }
 
   get found() {
@@ -54,36 +69,34 @@ export class GarmentPanel extends PagePart {
   }
 
   get status() {
-    return { known: this.known, shown: this.shown, pointed: this.pointed, preview: this.drawing.preview };
+    return { known: this.known, shown: this.shown, pointed: this.pointed, preview: this.preview };
   }
 
   update(/** @type {State} */ state) {
     this.finishUpright(state);
-    this.known = state.garment ?? null;
     this.followUpright();
-    this.section.hidden = !this.known || !state.layers;
+    const { known } = this;
+    this.section.hidden = !known || !state.layers;
     if (!this.found?.points.some((point) => point.name === this.pointed)) this.pointed = null;
-    this.drawing.update(this.known?.revision ?? 0);
-    if (!this.section.hidden) this.show();
+    const revision = known?.revision ?? 0;
+    if (revision !== this.revision && !this.grabbed && !this.moved) this.preview = null;
+    this.revision = revision;
+    this.page.redrawMarks();
+    if (known && !this.section.hidden) this.show(known);
   }
 
   // --- the panel -----------------------------------------------------------------------------------
 
-  show() {
-    const { known, found } = this;
-    if (!known) return;
+  show(/** @type {NonNullable<State["garment"]>} */ known) {
+    const { found } = known;
     setText(byId("garment-text"), summary(known));
     /** @param {string} part @param {unknown[]} key @param {() => Child} build */
     const show = (part, key, build) => rebuild(byId(`garment-${part}`), key, build);
     const kind = found?.kind;
-    show("tools", [Boolean(found)], () => found && this.tools());
+    byId("garment-tools").hidden = !found;
     show("kinds", [found?.probabilities, kind, found?.by_hand], () => found && this.kinds(found, known.kinds));
     show("points", [kind, found?.points], () => kind && this.points(found));
     show("dimensions", [kind, found?.dimensions], () => kind && dimensions(found));
-  }
-
-  tools() {
-    return [this.page.smallButton("garment", "Outline"), this.page.smallButton("upright")];
   }
 
   kinds(/** @type {FoundGarment} */ found, /** @type {string[]} */ names) {
@@ -150,7 +163,7 @@ export class GarmentPanel extends PagePart {
 
   toggle() {
     this.shown = !this.shown;
-    this.page.canvas.redraw();
+    this.canvas.redraw();
     this.page.changed();
   }
 
@@ -159,14 +172,13 @@ export class GarmentPanel extends PagePart {
     if (phase !== "finished") this.finished = false;
     if (phase !== "finished" || this.finished || !garment?.found) return;
     this.finished = true;
-    this.known = garment;
-    if (this.turnedFrom === null && this.page.canvas.transform.angle === 0) this.toggleUpright();
+    if (this.turnedFrom === null && this.canvas.transform.angle === 0) this.toggleUpright();
   }
 
   /** Recognised again, the garment may be upright at another angle: it stays upright unless somebody has turned it. */
   followUpright() {
     if (!this.found) return;
-    const { angle } = this.page.canvas.transform;
+    const { angle } = this.canvas.transform;
     const [before, now] = [this.upright, full(this.found.upright_rad)];
     this.upright = now;
     if (this.turnedFrom !== null && angle === before && now !== before) this.page.looking.turn(now);
@@ -203,10 +215,10 @@ export class GarmentPanel extends PagePart {
     }
     const step = (this.page.state.settings.step_mm / 1000) * (event.shiftKey ? 10 : 1);
     const [right, down] = WAYS[event.key];
-    const by = this.page.canvas.asSeen(0, right * step, down * step);
+    const by = this.canvas.asSeen(0, right * step, down * step);
     this.moved.u += by.u;
     this.moved.v += by.v;
-    this.drawing.ask(this.moved.name, this.moved.u, this.moved.v);
+    this.ask(this.moved.name, this.moved.u, this.moved.v);
   }
 
   settle() {
@@ -219,65 +231,25 @@ export class GarmentPanel extends PagePart {
   hold(name, u_m, v_m) {
     this.page.send({ type: "hold_point", name, u_m, v_m });
   }
-}
 
-/** What is known of the garment, in a line. */
-function summary(/** @type {NonNullable<State["garment"]>} */ known) {
-  const { found } = known;
-  if (!found) return known.working ? "Recognising the garment." : known.text;
-  const again = known.working ? " Recognising it again on the changed shape." : "";
-  if (found.by_hand) return `${words(found.kind ?? NONE)}, set by hand.${again}`;
-  /** @param {string | null} name */
-  const share = (name) => percent(found.probabilities.find(([each]) => each === name)?.[1] ?? 0);
-  const kind = found.kind
-    ? `${words(found.kind)}, ${share(found.kind)}.`
-    : `None of the known kinds, ${share(NONE)}; the likeliest is ${words(found.likeliest)}.`;
-  const doubt = " The shape may have a false joint, so nothing is called reliable; if it is right, set its kind.";
-  return `${kind}${found.doubted ? doubt : ""}${again}`;
-}
+  // --- over the flattened view ---------------------------------------------------------------------
 
-// --- The fitted outline and the named points over the flattened view ---------------------------
-
-const GRAB_PX = 10;
-const CLICK_PX = 4;
-
-/** @typedef {{ outline_uv_m: UV[]; points: GarmentPoint[] }} Outlined */
-
-export class GarmentDrawing {
-  /** `panel` says what was found, and takes what is decided. */
-  constructor(/** @type {Page} */ page, /** @type {GarmentPanel} */ panel) {
-    this.page = page;
-    this.panel = panel;
-    /** @type {Outlined | null} */
-    this.preview = null; // outline and points while one of them is dragged
-    this.grabbed = /** @type {(Point & { name: string; moved: boolean }) | null} */ (null);
-    this.question = page.question(
-      "garment_preview",
-      (id, /** @type {Place & { name: string }} */ about) => page.send({ type: "preview_point", id, ...about }),
-      (preview) => this.showPreview(preview),
-    );
-    this.revision = 0;
-    page.draws(this);
-  }
-
-  update(/** @type {number} */ revision) {
-    if (revision !== this.revision && !this.grabbed && !this.panel.moved) this.preview = null;
-    this.revision = revision;
-    this.page.redrawMarks();
-  }
-
-  /** What is drawn: the dragged outline, or the one that was found; null: nothing, as where cloth in doubt is decided about. */
+  /**
+   * What is drawn: the dragged outline, or the one that was found; null: nothing, as while cloth in doubt is asked about,
+   * unless another place of it is shown.
+   */
   get drawn() {
-    const { panel } = this;
-    if (!panel.shown || !panel.found?.kind || this.page.hasCamera || this.page.doubts.held) return null;
-    return this.preview ?? panel.found;
+    const { held, choice } = this.page.doubts;
+    if (!this.shown || !this.found?.kind || this.page.hasCamera || (held && choice?.how !== "place")) return null;
+    return this.preview ?? this.found;
   }
 
   // --- a point is dragged: a tool of the canvas --------------------------------------------------
 
   press(/** @type {PointerPlace} */ at) {
-    // Brushes, pairs and the proposal have the pointer while they are there.
-    const taken = this.page.state?.pending || this.page.brush?.kind || this.page.canvas.side === "other";
+    // Brushes, pairs, the proposal and what is in doubt have the pointer while they are there.
+    const { state, brush, doubts, canvas } = this.page;
+    const taken = state?.pending || brush?.kind || doubts.held || canvas.side === "other";
     const near = taken ? null : this.near(at);
     if (!near) return false;
     this.grabbed = { name: near.name, x: at.x, y: at.y, moved: false };
@@ -295,12 +267,12 @@ export class GarmentDrawing {
     if (!this.grabbed) return;
     const { name, moved } = this.grabbed;
     this.grabbed = null;
-    if (moved) this.panel.hold(name, at.u, at.v);
+    if (moved) this.hold(name, at.u, at.v);
     else this.page.send({ type: "pick_point", name });
   }
 
   near(/** @type {Point} */ at) {
-    const { transform } = this.page.canvas;
+    const { transform } = this.canvas;
     return nearest(this.drawn?.points ?? [], (point) => [transform.toPane(...point.uv_m)], at, GRAB_PX);
   }
 
@@ -308,26 +280,26 @@ export class GarmentDrawing {
 
   /** The point itself follows at once. @param {string} name @param {number} u @param {number} v */
   ask(name, u, v) {
-    const from = this.preview ?? this.panel.found;
+    const from = this.preview ?? this.found;
     if (!from) return;
     this.preview = {
       ...from,
       points: from.points.map((point) => (point.name === name ? { ...point, uv_m: [u, v], held: true } : point)),
     };
-    this.page.canvas.redraw();
+    this.canvas.redraw();
     this.question.ask({ name, u_m: u, v_m: v });
   }
 
   showPreview(/** @type {GarmentPreview} */ preview) {
-    if (!this.question.wanted && (this.grabbed || this.panel.moved)) this.preview = preview;
-    this.page.canvas.redraw();
+    if (!this.question.wanted && (this.grabbed || this.moved)) this.preview = preview;
+    this.canvas.redraw();
   }
 
   // --- drawn ---------------------------------------------------------------------------------------
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { drawn } = this;
-    if (drawn) drawGarment(this.page.canvas, context, style, drawn, this.grabbed?.name ?? this.panel.pointed);
+    if (drawn) drawGarment(this.canvas, context, style, drawn, this.grabbed?.name ?? this.pointed);
   }
 
   /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
@@ -337,9 +309,24 @@ export class GarmentDrawing {
       const [x, y, z] = point.xyz_m ?? [null, null, null];
       const at = x !== null && y !== null && z !== null && place([x, y, z]);
       if (!at) continue;
-      const on = point.name === this.panel.pointed;
+      const on = point.name === this.pointed;
       drawDot(context, at, style.getPropertyValue("--garment"), on ? 8 : 3.5);
       if (on) drawName(context, style, at, point.name);
     }
   }
+}
+
+/** What is known of the garment, in a line. */
+function summary(/** @type {NonNullable<State["garment"]>} */ known) {
+  const { found } = known;
+  if (!found) return known.working ? "Recognising the garment." : known.text;
+  const again = known.working ? " Recognising it again on the changed shape." : "";
+  if (found.by_hand) return `${words(found.kind ?? NONE)}, set by hand.${again}`;
+  /** @param {string | null} name */
+  const share = (name) => percent(found.probabilities.find(([each]) => each === name)?.[1] ?? 0);
+  const kind = found.kind
+    ? `${words(found.kind)}, ${share(found.kind)}.`
+    : `None of the known kinds, ${share(NONE)}; the likeliest is ${words(found.likeliest)}.`;
+  const doubt = " The shape may have a false joint, so nothing is called reliable; if it is right, set its kind.";
+  return `${kind}${found.doubted ? doubt : ""}${again}`;
 }

@@ -89,7 +89,7 @@ export class Column extends PagePart {
   /** After an action: bring the part in which its effect is seen. */
   reveal(/** @type {string} */ action) {
     const part = this.partOf(action);
-    if (part && this.parts.some(([name]) => name === part)) this.choose(part);
+    if (part && part !== this.part && this.parts.some(([name]) => name === part)) this.choose(part);
   }
 
   partOf(/** @type {string} */ action) {
@@ -101,8 +101,9 @@ export class Column extends PagePart {
     this.selection.hidden = !pick || this.part === "pick";
     if (!pick) return;
     const held = `${vector(pick.position_held_m, 1, 1000)} mm`;
-    rebuild(this.selection, [pick, Boolean(pending)], () =>
-      pending // which needs the room
+    const isLine = Boolean(pending) || this.page.doubts.asks || innerWidth < NARROW_PX; // what else is there needs the room
+    rebuild(this.selection, [pick, isLine], () =>
+      isLine
         ? make("div.heading", make("h2", pick.name), make("span", { tip: HELD }, held))
         : [
             make("div.heading", make("h2", pick.name), this.page.smallButton("copy")),
@@ -120,6 +121,7 @@ export class Column extends PagePart {
   }
 }
 
+const NARROW_PX = 600; // a phone
 const HELD = "Position x y z in the object frame";
 const ONLY_SHOWN = ["result", "look", "garment"]; // actions that do nothing else
 

@@ -8,6 +8,8 @@ const BESIDE_PX = 800; // from here on the details are beside the others
 const HIGH_PX = 640; // from here on two panes can be stacked
 const CHOSEN = "flatcloth-pane";
 const FOLDED = "flatcloth-readout-folded";
+/** @type {Record<string, number>} of the divider, by keys */
+const STEPS = { ArrowLeft: -0.02, ArrowUp: -0.02, ArrowRight: 0.02, ArrowDown: 0.02, Home: -1, End: 1 };
 /** @type {Record<string, string>} */
 const TITLES = { both: "Both", flat: "Flattened", scene: "3D", details: "Details" };
 /** @type {Record<string, string>} the pane in which the effect of an action is seen */
@@ -29,18 +31,6 @@ export function layoutOf(/** @type {number} */ width, /** @type {number} */ heig
   if (width >= BESIDE_PX) return { kind: "beside", panes: high ? ["both", "flat", "scene"] : ["flat", "scene"] };
   if (high) return { kind: "below", panes: ["flat", "scene"] };
   return { kind: "tabs", panes: ["flat", "scene", "details"] };
-}
-
-/**
- * The share of the first pane that leaves both their least sizes; where there is no room, the first gets its own.
- *
- * @param {number} share
- * @param {number} size
- * @param {number[]} least
- */
-export function shareWithin(share, size, [first, second]) {
-  const most = Math.max(first, size - second);
-  return Math.min(1, within(share * size, first, most) / size);
 }
 
 const readouts = /** @type {HTMLElement} */ (globalThis.document?.querySelector(".readouts"));
@@ -148,45 +138,32 @@ export class Layout extends PagePart {
   }
 }
 
-/** The divider between scene and flattened view: upright where they are beside one another, else level. */
+/**
+ * The divider between scene and flattened view: upright where they are beside one another, else level. The least sizes
+ * of both are the style sheet's.
+ */
 function startDivider(/** @type {Layout} */ layout) {
-  const upright = {
-    property: "--left",
-    stored: "flatcloth-split",
-    usual: 0.295, // the flattened view has 55 % of a wide window
-    orientation: "vertical",
-    least: [300, 600], // of the scene; of canvas and inspector
-    size: () => split.clientWidth,
-    at: (/** @type {PointerEvent} */ event) => event.clientX - split.getBoundingClientRect().left,
-    keys: { ArrowLeft: -0.02, ArrowRight: 0.02, Home: -1, End: 1 },
+  const [split, divider, shield] = [byId("split"), byId("divider"), byId("scene-shield")];
+  const isUpright = () => layout.kind === "wide";
+  const stored = () => (isUpright() ? "flatcloth-split" : "flatcloth-split-level");
+  /** The share of the split that lies before a place of the window. */
+  const shareAt = (/** @type {Point} */ { x, y }) => {
+    const box = split.getBoundingClientRect();
+    return isUpright() ? (x - box.left) / box.width : (y - box.top) / box.height;
   };
-  const level = {
-    property: "--top",
-    stored: "flatcloth-split-level",
-    usual: 0.45,
-    orientation: "horizontal",
-    least: [190, 240],
-    size: () => split.clientHeight,
-    at: (/** @type {PointerEvent} */ event) => event.clientY - split.getBoundingClientRect().top,
-    keys: { ArrowUp: -0.02, ArrowDown: 0.02, Home: -1, End: 1 },
-  };
-  const split = byId("split");
-  const divider = byId("divider");
-  const shield = byId("scene-shield");
-  const way = () => (layout.kind === "wide" ? upright : level);
-  const stored = () => Number(localStorage.getItem(way().stored)) || way().usual;
+  const present = () => shareAt(divider.getBoundingClientRect());
 
   const apply = () => {
-    const { property, least, size, orientation } = way();
-    if (!size()) return;
-    const share = shareWithin(stored(), size(), least);
-    document.documentElement.style.setProperty(property, `${Math.round(share * size())}px`);
-    divider.setAttribute("aria-orientation", orientation);
-    divider.setAttribute("aria-valuenow", String(Math.round(100 * share)));
+    const share = localStorage.getItem(stored());
+    document.documentElement.style.setProperty(isUpright() ? "--left" : "--top", share && `${100 * Number(share)}%`);
+    divider.setAttribute("aria-orientation", isUpright() ? "vertical" : "horizontal");
+    divider.setAttribute("aria-valuenow", String(Math.round(100 * present()) || 0));
   };
+  const keep = (/** @type {number} */ share) => localStorage.setItem(stored(), String(share));
   const set = (/** @type {number} */ share) => {
-    localStorage.setItem(way().stored, String(shareWithin(share, way().size(), way().least)));
+    keep(within(share, 0, 1));
     apply();
+    keep(present());
   };
 
   divider.addEventListener("pointerdown", (event) => {
@@ -194,16 +171,17 @@ function startDivider(/** @type {Layout} */ layout) {
     shield.hidden = false; // the frame would swallow the pointer
   });
   divider.addEventListener("pointermove", (event) => {
-    if (divider.hasPointerCapture(event.pointerId)) set(way().at(event) / way().size());
+    if (divider.hasPointerCapture(event.pointerId)) set(shareAt(event));
   });
   divider.addEventListener("lostpointercapture", () => (shield.hidden = true));
-  divider.addEventListener("dblclick", () => set(way().usual));
+  divider.addEventListener("dblclick", () => {
+    localStorage.removeItem(stored());
+    apply();
+  });
   divider.addEventListener("keydown", (event) => {
-    const by = /** @type {Record<string, number>} */ (way().keys)[event.key];
-    if (by === undefined) return;
-    set(stored() + by);
+    if (!(event.key in STEPS)) return;
+    set(present() + STEPS[event.key]);
     taken(event);
   });
   layout.arranged = apply;
-  new ResizeObserver(apply).observe(split);
 }

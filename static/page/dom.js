@@ -124,13 +124,6 @@ export const field = (/** @type {string} */ name, /** @type {Child} */ control, 
   make("label.field", { tip }, make("span", name), control);
 
 /**
- * A slider. @param {[low: number, high: number, step: number]} range @param {number} value
- * @param {Attributes<"input">} more
- */
-export const slider = ([min, max, step], value, more) =>
-  make("input", { type: "range", min, max, step, value, ...more });
-
-/**
  * A box for a number.
  * @param {{ low?: number | null; high?: number | null; step: number | null }} range @param {number | null} value
  * @param {Attributes<"input">} more

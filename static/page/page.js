@@ -57,6 +57,8 @@ export class Page {
 
   run = (/** @type {string} */ name) => this.handlers.run(name);
 
+  decide = (/** @type {string} */ name, more = {}) => this.handlers.decide(name, more);
+
   /** Draw the page again, after something of this tab has changed. */
   changed() {
     if (this.thisSide) this.handlers.show(this.thisSide);
@@ -106,11 +108,6 @@ export class Page {
     const button = this.button(name, title);
     button.classList.add("small");
     return button;
-  }
-
-  /** Small buttons of actions, as a group. */
-  group(/** @type {string} */ label, /** @type {string[]} */ actions) {
-    return make("div.group", { role: "group", label }, ...actions.map((name) => this.smallButton(name)));
   }
 
   /** A button that turns the item to a view. @param {number} view @param {string} key @param {string} text */

@@ -6,23 +6,23 @@ import { stepOf } from "../active/panel.js";
 import { LAYERS, layerAction } from "../canvas/look.js";
 import { PagePart } from "./page.js";
 
-const CAMERA = ["capture_pause"];
-const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto"];
+const SESSION = "step accept reject skip | undo redo | auto";
 /** @type {Record<string, string>} */
 const MORE = { reject: "reject_menu" };
-const PAGE = ["home", "teach", "export", "settings", "help"];
-/** @type {Record<string, string>} */
-const SIGNS = { zoom_out: "−", zoom_in: "+" };
+/** @type {Record<string, string>} what is written on buttons in place of their titles */
+const SIGNS = { zoom_out: "−", zoom_in: "+", refine: "Refine", garment: "Outline" };
 
 export class Toolbar extends PagePart {
   update(/** @type {State} */ state) {
     const camera = state.mode === "camera";
-    this.build("actions", camera ? CAMERA : SESSION);
+    byId("actions").dataset.actions = camera ? "capture_pause" : SESSION;
     byId("actions").setAttribute("aria-label", camera ? "Camera" : "Session");
-    this.build("page-actions", PAGE);
-    this.buildLayers(camera);
+    // Look has all layers; frames of a camera have one.
+    const layers = camera ? [] : ["color", "z_angle", "source", "place", this.page.layer];
+    byId("layers").dataset.actions = [...new Set(layers)].map(layerAction).join(" ");
+    byId("look-tools").dataset.actions = camera ? "look" : "look turn_over";
+    for (const box of findAll("[data-actions]")) this.build(box);
     this.buildOverlay();
-    this.build("zoom-tools", ["zoom_out", "zoom_in", "fit"]);
     for (const action of state.actions)
       for (const button of findAll(`[data-action="${action.name}"]`))
         setAllowed(button, action.why_not, tipOf(action));
@@ -47,11 +47,15 @@ export class Toolbar extends PagePart {
     }
   }
 
-  build(/** @type {string} */ container, /** @type {string[]} */ names) {
-    rebuild(byId(container), [names], () =>
-      names.map((name) => {
+  /** The buttons of a container, which names their actions. */
+  build(/** @type {HTMLElement} */ container) {
+    const { actions = "" } = container.dataset;
+    rebuild(container, actions, () =>
+      actions.split(" ").map((name) => {
+        if (!name) return null;
         if (name === "|") return make("span.gap", { "aria-hidden": "true" });
         const button = this.page.button(name, SIGNS[name]);
+        button.classList.toggle("small", container.matches(".group.small"));
         const more = MORE[name];
         return more ? make("span.joined", button, this.more(more)) : button;
       }),
@@ -64,13 +68,6 @@ export class Toolbar extends PagePart {
     button.classList.add("more");
     if (name === "reject_menu") button.setAttribute("aria-haspopup", "dialog");
     return button;
-  }
-
-  buildLayers(/** @type {boolean} */ camera) {
-    // Look has all layers; frames of a camera have one.
-    const first = camera ? [] : ["color", "z_angle", "source", "place", this.page.layer];
-    this.build("layers", [...new Set(first)].map(layerAction));
-    this.build("look-tools", camera ? ["look"] : ["look", "turn_over"]);
   }
 
   buildOverlay() {

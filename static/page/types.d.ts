@@ -7,7 +7,6 @@ import type { Looking as LookingClass } from "../canvas/look.js";
 import type { Comparison as ComparisonClass } from "../canvas/compare.js";
 import type { Picture as PictureClass } from "../canvas/picture.js";
 import type { Pyramid as PyramidClass } from "../canvas/pyramid.js";
-import type { KeyNudges as KeyNudgesClass } from "../canvas/nudges.js";
 import type { Ruler as RulerClass } from "../canvas/ruler.js";
 import type { Page as PageClass } from "./page.js";
 import type { SceneMarks as SceneMarksClass } from "./scene_marks.js";
@@ -49,6 +48,9 @@ declare global {
   type Pairs = M.ShownPairs;
   type Seen = M.SeenView;
   type SeenViews = M.SeenViews;
+  type Doubt = M.Doubt;
+  type Choice = M.Choice;
+  type DoubtsInfo = M.DoubtsInfo;
   type ItemBox = M.ItemBox;
   type PixelValues = M.PixelValues;
   type FrameInfo = M.FrameInfo;
@@ -68,6 +70,8 @@ declare global {
     send: Send;
     notify: Notify;
     run: (action: string) => void;
+    /** Tell the server of a decision, by the name of its action. */
+    decide: (action: string, more?: object) => void;
     /** Draw the page again. */
     show: (state: State) => void;
   };
@@ -134,7 +138,6 @@ declare global {
   type Comparison = ComparisonClass;
   type Picture = PictureClass;
   type Pyramid = PyramidClass;
-  type KeyNudges = KeyNudgesClass;
   type Ruler = RulerClass;
   type SceneMarks = SceneMarksClass;
   type SidesPanel = SidesPanelClass;

@@ -1,8 +1,9 @@
 // Repair of a proposal: how it fits while it is moved, refinement from there, and pairs of points to fit.
 
+import { PagePart } from "../page/page.js";
 import { applied, unapplied } from "../canvas/geometry.js";
 import { drawDot, strokeRimmed } from "../canvas/marks.js";
-import { buttonOf, byId, closeButton, make, rebuild, setPressed, setText } from "../page/dom.js";
+import { byId, closeButton, make, rebuild, setText } from "../page/dom.js";
 import { cm2, number } from "../page/format.js";
 
 const REACH_PX = 11;
@@ -12,53 +13,37 @@ const LEAST_GAIN = 0.005; // of the score
 /** @typedef {{ own: UV; shape: UV | null }} Pair `own` is a place in the proposal's own plane */
 /** @typedef {Point & { pair: Pair; index: number; end: "own" | "shape" }} End */
 
-export class Repair {
+export class Repair extends PagePart {
   name = "repair";
+  actions = {
+    pairs: () => this.toggle(),
+    fit_pairs: () => this.sendPairs(true),
+    refine: () => this.view !== null && this.page.send({ type: "refine", view_index: this.view }),
+  };
+  question = this.page.question(
+    "preview",
+    (id, /** @type {By} */ by) => this.askFit(id, by),
+    (answer) => this.showFit(answer),
+    SEEN_EVERY_MS,
+  );
+  /** @type {Panel["messages"]} */
+  messages = { pairs: (message) => this.takePairs(message) };
+  picking = false;
+  view = /** @type {number | null} */ (null); // that the pairs are about
+  pairs = /** @type {Pair[]} */ ([]);
+  fit = /** @type {PairsAnswer | null} */ (null); // residuals as the server tells them
+  held = /** @type {End | null} */ (null); // the marker that is being dragged
 
-  /** `page.canvas` shows the markers; `nudges` holds what the keys have moved but not sent yet. */
-  constructor(/** @type {Page} */ page, /** @type {KeyNudges} */ nudges) {
-    this.page = page;
-    this.canvas = page.canvas;
-    /** What is done next is meant for where the keys have moved the proposal. */
-    const settled = (/** @type {() => void} */ act) => () => {
-      nudges.flush();
-      act();
-    };
-    this.actions = {
-      pairs: () => this.toggle(),
-      fit_pairs: settled(() => this.sendPairs(true)),
-      refine: settled(() => this.view !== null && page.send({ type: "refine", view_index: this.view })),
-    };
-    this.question = page.question(
-      "preview",
-      (id, /** @type {By} */ by) => this.askFit(id, by),
-      (answer) => this.showFit(answer),
-      SEEN_EVERY_MS,
-    );
-    /** @type {Panel["messages"]} */
-    this.messages = { pairs: (message) => this.takePairs(message) };
-    this.picking = false;
-    this.view = /** @type {number | null} */ (null); // that the pairs are about
-    this.pairs = /** @type {Pair[]} */ ([]);
-    this.fit = /** @type {PairsAnswer | null} */ (null); // residuals as the server tells them
-    this.held = /** @type {End | null} */ (null); // the marker that is being dragged
-    this.pending = /** @type {Pending | null} */ (null);
-  }
-
-  update(/** @type {State} */ state) {
-    this.pending = state.pending;
-    if (this.view !== (state.pending?.view_index ?? null)) {
-      this.view = state.pending?.view_index ?? null;
+  update(/** @type {State} */ { pending }) {
+    const view = pending?.view_index ?? null;
+    if (this.view !== view) {
+      this.view = view;
       this.clear();
       this.picking = false;
     }
-    byId("repair").hidden = !state.pending;
-    if (!state.pending) return;
-    const tools = byId("repair-tools");
-    rebuild(tools, ["repair"], () => [this.page.button("pairs"), this.page.button("refine", "Refine")]);
-    setPressed(buttonOf("pairs", tools), this.picking);
-    setPressed(buttonOf("refine", tools), false);
-    this.showPieces(state.pending);
+    byId("repair").hidden = !pending;
+    if (!pending) return;
+    this.showPieces(pending);
     this.showPairs();
   }
 
@@ -115,7 +100,7 @@ export class Repair {
   }
 
   showFit(/** @type {PreviewAnswer} */ message) {
-    if (!this.pending) return;
+    if (this.view === null) return;
     /** @param {number | null} score @param {number | null} mm */
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const [score, refined] = [message.score ?? 0, message.refined_score ?? 0];
@@ -136,6 +121,10 @@ export class Repair {
     if (!this.picking) return false;
     this.toggle();
     return true;
+  }
+
+  get pressed() {
+    return { pairs: this.picking };
   }
 
   get status() {

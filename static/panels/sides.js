@@ -10,8 +10,6 @@ const RADII_MM = [4, 6, 8, 10, 15, 20, 30];
 const FIRST_MM = 10;
 const MOST_POINTS = 900; // of a stroke; the server takes a thousand
 const COLORS = { this: "--side-this", other: "--side-other", cut: "--warn" };
-const BRUSHES = ["brush_this", "brush_other", "cut"];
-const SHOWN = ["show_sides", "show_certainty", "where_to_stroke", "where_before"];
 
 /** @typedef {"this" | "other" | "cut"} BrushKind */
 
@@ -77,8 +75,6 @@ export class SidesPanel extends PagePart {
   }
 
   show(/** @type {NonNullable<State["sides"]>} */ known) {
-    rebuild(byId("sides-brushes"), [], () => this.page.group("Brush", BRUSHES));
-    rebuild(byId("sides-shown"), [], () => this.page.group("Shown", SHOWN));
     setText(byId("sides-text"), known.text);
     const conflicts = byId("sides-conflicts");
     conflicts.hidden = !known.conflicts.length;

@@ -53,19 +53,21 @@ const HIDDEN = {
 
 export class SourcePanel extends PagePart {
   name = "sources";
-  states = new PixelStates(() => this.show());
   actions = {
     source_image: () => this.toggle(this.folded),
     source_mask: () => this.toggle(this.masked),
-    source_states: () => this.toggle(this.states.shown),
+    source_states: () => this.toggle(this.states),
   };
   panel = byId("sources");
   folded = new KeptSwitch("source-folded", innerWidth < 1200);
   masked = new KeptSwitch("source-mask", true);
+  states = new KeptSwitch("source-states"); // why pixels are not in the shape
+  /** @type {Fetched<Share[]>} of the states */
+  shares = new Fetched(askJson, () => this.show());
   zoom = { factor: 1, row: 0, col: 0 }; // and the pixel in the middle
   present = /** @type {number | null} */ (null); // the view that the page is at
   pinned = /** @type {number | null} */ (null); // another view that the operator looks at
-  pick = /** @type {CurrentPick | null} */ (null);
+  about = /** @type {string | undefined} */ (undefined); // what is in doubt, of which it shows a view
   /** @type {Fetched<SeenViews>} the views of the pick */
   seenIn = new Fetched(askJson, () => this.show());
   seenAt = /** @type {string | null} */ (null); // where it is asked for them
@@ -75,8 +77,6 @@ export class SourcePanel extends PagePart {
   imageCanvas = make("canvas#source-canvas", { role: "img" });
   stroke = /** @type {UV[] | null} */ (null); // pixels (row, col) of the stroke that is being drawn
   drawn = /** @type {Drawn | null} */ (null);
-  angles = /** @type {number[]} */ ([]);
-  revision = 0;
   aim = /** @type {{ view: number; rc: RC } | null} */ (null); // where a stroke is suggested
   scene = /** @type {HTMLElement} */ (this.panel.parentElement);
 
@@ -90,6 +90,16 @@ export class SourcePanel extends PagePart {
     return this.pinned ?? this.present;
   }
 
+  get pick() {
+    return this.page.state.pick;
+  }
+
+  /** The address of the states of a view, as a picture or as values; null if they are not shown. */
+  statesOf(/** @type {number} */ view, ending = "png") {
+    const revision = this.page.state.layers?.revision;
+    return this.states.on && revision ? `source/${view}/states-${revision}.${ending}` : null;
+  }
+
   /** What a hover read-out is asked for besides. */
   asksHover() {
     return this.panel.hidden || this.folded.on || this.view === null ? {} : { view: this.view };
@@ -99,10 +109,10 @@ export class SourcePanel extends PagePart {
     this.panel.hidden = state.present_view === null;
     if (this.panel.hidden || !this.page.isSettled) return;
     if (state.present_view !== this.present) this.pinned = null;
+    const { doubt } = this.page.doubts;
+    if (doubt?.title !== this.about) this.pinned = doubt?.views[0]?.view_index ?? null; // that holds most of it
+    this.about = doubt?.title;
     this.present = state.present_view;
-    this.angles = state.views.map((v) => v.angle_deg);
-    this.revision = state.layers?.revision ?? 0;
-    this.pick = state.pick;
     this.show();
   }
 
@@ -263,15 +273,23 @@ export class SourcePanel extends PagePart {
       ];
     });
     if (folded || this.view === null) return;
-    setText(byId("source-title"), `View ${this.view} · ${number(this.angles[this.view], 0)}°`);
+    setText(byId("source-title"), `View ${this.view} · ${number(this.page.state.views[this.view].angle_deg, 0)}°`);
     const back = byId("source-back");
-    back.hidden = this.pinned === null;
+    back.hidden = this.view === this.present;
     setText(back, `Back to view ${this.present}`);
     setPressed(buttonOf("source_mask", this.panel), this.masked.on);
-    setPressed(buttonOf("source_states", this.panel), this.states.shown.on);
-    this.states.show(byId("source-states"), this.view, this.revision);
+    setPressed(buttonOf("source_states", this.panel), this.states.on);
+    this.showShares(this.statesOf(this.view, "json"));
     this.showSeen();
     this.draw();
+  }
+
+  /** How much of the view is in which state, below its image. */
+  showShares(/** @type {string | null} */ address) {
+    const box = byId("source-states");
+    box.hidden = !address;
+    this.shares.want(address);
+    rebuild(box, [address, this.shares.value], () => (this.shares.value ?? []).map(shareRow));
   }
 
   showSeen() {
@@ -334,7 +352,7 @@ export class SourcePanel extends PagePart {
     this.imageCanvas.setAttribute("aria-label", `Source image of view ${view}${shaded}`);
     const mask = this.fetched(`source/${view}/mask.png`);
     const sides = this.page.brush?.addressOf(view);
-    const lost = this.states.addressOf(view, this.revision);
+    const lost = this.statesOf(view);
     const labels = lost ? this.fetched(lost) : sides && masked ? this.fetched(sides) : null;
     this.imageCanvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
     this.imageCanvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
@@ -402,37 +420,9 @@ function withMargin({ left, top, width, height }, image) {
   return { left: x, top: y, width: right - x, height: bottom - y };
 }
 
-// --- Why pixels of a view are not in the shape -------------------------------------------------
-
 /** @typedef {{ state: string; text: string; color: string | null; share: number; missing: number }} Share */
 
-class PixelStates {
-  /** @param {() => void} changed called when a legend has come */
-  constructor(changed) {
-    this.shown = new KeptSwitch("source-states");
-    /** @type {Fetched<Share[]>} */
-    this.legend = new Fetched(askJson, changed);
-  }
-
-  /** The address of the layer of a view for a revision of the shape; null if it is not shown. */
-  addressOf(/** @type {number} */ view, /** @type {number} */ revision) {
-    return this.shown.on && revision ? `source/${view}/states-${revision}.png` : null;
-  }
-
-  /**
-   * Show the shares of a view below its image.
-   * @param {HTMLElement} element @param {number} view @param {number} revision
-   */
-  show(element, view, revision) {
-    const address = this.addressOf(view, revision)?.replace(".png", ".json") ?? null;
-    element.hidden = !address;
-    this.legend.want(address);
-    const { value } = this.legend;
-    rebuild(element, [address, value], () => (value ?? []).map(row));
-  }
-}
-
-function row(/** @type {Share} */ { state, text, color, share, missing }) {
+function shareRow(/** @type {Share} */ { state, text, color, share, missing }) {
   const tip =
     `${number(100 * share, 1)} % of the item's pixels; ` +
     `${number(100 * missing, 1)} % show cloth that is in the result from no view`;

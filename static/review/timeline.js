@@ -3,6 +3,7 @@
 
 import { byId, make, rebuild, setCurrent, taken, targetOf, within } from "../page/dom.js";
 import { number } from "../page/format.js";
+import { PagePart } from "../page/page.js";
 
 export const STATES = {
   start: ["●", "start view"],
@@ -17,23 +18,20 @@ export const STATES = {
 export const ACCEPTED = ["accepted", "fixed"];
 export const DECIDED = [...ACCEPTED, "rejected", "skipped", "later"];
 const DRAG_PX = 5;
-const TOOLS = ["play_views", "review", "result"];
 const PLAY_MS = 400; // a view; its image is there in less
 
-export class Timeline {
+export class Timeline extends PagePart {
   name = "timeline";
   actions = { play_views: () => this.play() };
+  row = byId("timeline");
+  scrubbed = /** @type {number | null} */ (null); // view that the item was turned to
+  from = /** @type {number | null} */ (null); // where the pointer went down
+  dragged = false;
+  listed = false; // the list has the pictures, or they wait
+  timer = 0; // while the views are played
 
-  /** `choose(view)` is what a press on a view means. */
-  constructor(/** @type {Page} */ page, /** @type {(view: ViewRow) => void} */ choose) {
-    this.page = page;
-    this.choose = choose;
-    this.row = byId("timeline");
-    this.tools = byId("timeline-tools");
-    this.scrubbed = /** @type {number | null} */ (null); // view that the item was turned to
-    this.from = /** @type {number | null} */ (null); // where the pointer went down
-    this.dragged = this.listed = false;
-    this.timer = 0; // while the views are played
+  constructor(/** @type {Page} */ page) {
+    super(page);
     this.row.addEventListener("pointerdown", (event) => (this.from = event.button === 0 ? event.clientX : null));
     this.row.addEventListener("pointermove", (event) => this.drag(event));
     this.row.addEventListener("click", (event) => this.dragged && taken(event), true);
@@ -42,15 +40,17 @@ export class Timeline {
   }
 
   update(/** @type {State} */ state) {
-    const small = Boolean(state.capture);
+    byId("timeline-tools").hidden = Boolean(state.capture);
     const labels = [this.page.brush?.addressOf(0), this.page.brush?.certain];
-    this.listed = !byId("review-list").hidden || !this.page.isSettled; // the list has the pictures, or they wait
+    this.listed = !byId("review-list").hidden || !this.page.isSettled;
     const at = [state.present_view, Boolean(state.pending)];
     rebuild(this.row, [state.views, at, state.review?.token, labels, this.listed], () =>
       state.views.map((view) => this.cell(view, state)),
     );
-    rebuild(this.tools, [small], () => (small ? [] : TOOLS.map((name) => this.page.button(name))));
-    markPresent(state.present_view);
+    this.cells.forEach((view, i) => {
+      view.classList.toggle("present", i === state.present_view);
+      setCurrent(view, i === state.present_view);
+    });
   }
 
   cell(/** @type {ViewRow} */ view, /** @type {State} */ state) {
@@ -66,7 +66,7 @@ export class Timeline {
         key: `view-${view.index}`,
         tip: about + whatAPressDoes(view, state),
         tabindex: view.index === (state.present_view ?? 0) ? 0 : -1, // page/roving.js: one stop of Tab
-        click: () => this.choose(view),
+        click: () => this.page.verdicts.press(view),
       },
       shown && make("span.pair", ...this.pictures(view, state, labelled)),
       drawn("span.sign", view.flagged ? "⚑" : STATES[view.state][0]),
@@ -187,12 +187,4 @@ function whatAPressDoes(/** @type {ViewRow} */ view, /** @type {State} */ state)
   if (DECIDED.includes(view.state)) return "\nClick: look at the decision, reopen it. Drag: turn the item.";
   if (view.why_not === null) return "\nClick: propose this view. Drag: turn the item.";
   return view.state === "unused" ? `\nNot now: ${view.why_not}` : "";
-}
-
-/** Mark the view at whose rotation the item stands. */
-export function markPresent(/** @type {number | null} */ index) {
-  [...byId("timeline").children].forEach((view, i) => {
-    view.classList.toggle("present", i === index);
-    setCurrent(view, i === index);
-  });
 }

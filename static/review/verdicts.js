@@ -2,27 +2,23 @@
 
 import { showCommands } from "../page/commands.js";
 import { find, focusOn } from "../page/dom.js";
+import { PagePart } from "../page/page.js";
 import { count, number } from "../page/format.js";
 import { DECIDED, described } from "./timeline.js";
 
 const WAITING = ["pending", "later", "skipped"];
 
-export class Verdicts {
+export class Verdicts extends PagePart {
   name = "verdicts";
-
-  /** `decide(action, more)` tells the server. */
-  constructor(/** @type {Page} */ page, /** @type {(action: string, more: object) => void} */ decide) {
-    this.page = page;
-    this.decide = decide;
-    this.actions = {
-      reopen: () => this.reopenChosen(page.state),
-      next_undecided: () => this.nextUndecided(page.state),
-    };
-    this.chosen = /** @type {number | null} */ (null); // index of the view that is chosen on the timeline
-  }
+  chosen = /** @type {number | null} */ (null); // index of the view that is chosen on the timeline
+  actions = {
+    reopen: () => this.reopenChosen(this.page.state),
+    next_undecided: () => this.nextUndecided(this.page.state),
+  };
 
   /** A press on a view of the timeline. */
   press(/** @type {ViewRow} */ view) {
+    if (this.page.state.capture) return this.page.notify("info", view.why_not ?? "");
     this.chosen = view.index;
     if (DECIDED.includes(view.state)) this.ask(view);
     else this.propose(view);
@@ -37,12 +33,12 @@ export class Verdicts {
   }
 
   reopen(/** @type {ViewRow} */ view) {
-    this.decide("reopen", { view_index: view.index });
+    this.page.decide("reopen", { view_index: view.index });
   }
 
   propose(/** @type {ViewRow} */ view) {
     if (view.why_not !== null) return this.page.notify("info", view.why_not);
-    this.decide("view", { view_index: view.index });
+    this.page.decide("view", { view_index: view.index });
   }
 
   nextUndecided(/** @type {State} */ state) {

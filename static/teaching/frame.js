@@ -1,7 +1,7 @@
 // The page of the teaching mode, with what its stages say (stages.html), and what each of them draws.
 
 import { byId, find, findAll, make, setAllowed, setText, swatch } from "../page/dom.js";
-import { keyName, tipOf } from "../page/format.js";
+import { keyName } from "../page/format.js";
 import { ADDING_STAGES } from "./adding.js";
 import { BEYOND_STAGES } from "./beyond.js";
 import { FLATTENING_STAGES } from "./flattening.js";
@@ -39,19 +39,16 @@ export async function loadFrame() {
   }
 }
 
-/** An action of the page's table. @param {Teaching} mode @param {string} name */
-export const action = (mode, name) => /** @type {ActionRow} */ (mode.session.actions().find((a) => a.name === name));
-
 /** Let the elements speak to the teaching mode; once. */
 export function connectFrame(/** @type {Teaching} */ mode) {
   document.body.append(FRAME);
   for (const button of findAll("[data-teach]", FRAME)) {
     const name = button.dataset.teach ?? "";
-    const { title, keys } = action(mode, name);
+    const { title, keys } = mode.page.action(name);
     if (!button.childElementCount) button.append(make("span", title));
     button.append(make("kbd", keyName(keys[0])));
-    setAllowed(button, null, tipOf(action(mode, name)));
-    button.addEventListener("click", () => mode.session.run(name));
+    setAllowed(button, null, mode.page.tip(name));
+    button.addEventListener("click", () => mode.page.run(name));
   }
   byId("teaching-again").addEventListener("click", () => mode.again());
   byId("teaching-reset").addEventListener("click", () => mode.change(null));

@@ -2,10 +2,10 @@
 
 import { byId, find, findAll, make, rebuild, setAllowed, setCurrent, setText } from "../page/dom.js";
 import { isPlain, taken, targetOf, WAYS, within } from "../page/dom.js";
-import { number, tipOf } from "../page/format.js";
+import { number } from "../page/format.js";
 import { onTheme } from "../page/theme.js";
 import { Sheet, inset } from "./draw.js";
-import { action, connectFrame, FRAME, STAGES, symbols } from "./frame.js";
+import { connectFrame, FRAME, STAGES, symbols } from "./frame.js";
 import { fetchLesson } from "./lesson.js";
 
 const AHEAD = /** @type {PartName[]} */ (["flattening", "planning", "alignment"]); // asked for before they are wanted
@@ -16,8 +16,8 @@ const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel"];
 const PASSED_ON = ["theme", "help", "log", "settings"];
 
 export class Teaching {
-  constructor(/** @type {Session} */ session) {
-    this.session = session;
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
     this.at = 0;
     this.changed = /** @type {Partial<LessonParameters>} */ ({}); // the learner's
     this.known = /** @type {Partial<Record<PartName, KnownPart>>} */ ({});
@@ -64,7 +64,7 @@ export class Teaching {
   /** Take an action of the page's table; returns whether it was meant for the teaching mode. */
   takes(/** @type {string} */ name) {
     if (!this.open) {
-      if (name !== "teach" || action(this, name).why_not !== null) return false; // the page says why
+      if (name !== "teach" || this.page.action(name).why_not !== null) return false; // the page says why
       this.enter();
       return true;
     }
@@ -93,7 +93,7 @@ export class Teaching {
     );
     for (const element of this.behind) element.inert = true;
     FRAME.hidden = false;
-    setText(byId("teaching-recording"), this.session.name());
+    setText(byId("teaching-recording"), this.page.state.recording.name);
     this.go(this.at);
     byId("teaching-next").focus();
   }
@@ -114,16 +114,17 @@ export class Teaching {
       this.time = 0;
       this.probe = null;
     }
-    if (this.stage.about.dataset.stage === "seams") this.session.findOther();
+    const knowsOther = this.page.thisSide.other?.layers;
+    if (this.stage.about.dataset.stage === "seams" && !knowsOther) this.page.send({ type: "other_side" });
     this.showStage();
     this.load();
-    this.update();
+    this.show();
   }
 
   // --- the lessons -----------------------------------------------------------------------------
 
   /** Take a new state of the session: what a lesson depends on may have changed. */
-  follow() {
+  update() {
     if (!this.open) return;
     this.showProgress();
     if (this.here?.key !== this.key(this.stage.part)) this.load();
@@ -137,16 +138,17 @@ export class Teaching {
 
   /** @returns {Record<string, any>} */
   query(/** @type {PartName} */ part) {
-    if (part === "garment") return { revision: this.session.garment() };
-    if (part === "shape") return { revision: this.session.shape() && this.session.doubts() };
+    const { state, doubts } = this.page;
+    if (part === "garment") return { revision: state.garment?.revision ?? 0 };
+    if (part === "shape") return { revision: doubts.lesson && doubts.found?.revision };
     if (!AHEAD.includes(part)) return {}; // the same whatever is changed
-    const start = this.session.startView();
-    return { ...(start === null ? {} : { start_view: start }), ...this.changed };
+    const { start_view } = state;
+    return { ...(start_view === null ? {} : { start_view }), ...this.changed };
   }
 
   /** What a lesson depends on: also the number of views, which grows while a cell turns. */
   key(/** @type {PartName} */ part) {
-    return JSON.stringify([part, this.query(part), this.session.views()]);
+    return JSON.stringify([part, this.query(part), this.page.state.views.length]);
   }
 
   /** Ask for what this stage needs, then for the rest, so that the next stages are there at once; one by one. */
@@ -162,13 +164,13 @@ export class Teaching {
     if (this.running !== running) return; // given up
     this.running = null;
     this.known[part] = { key: running.key, ...made };
-    this.update();
+    this.show();
     this.load();
   }
 
   async ask(/** @type {PartName} */ part, /** @type {AbortSignal} */ signal) {
     if (part !== "shape") return fetchLesson(part, this.query(part), signal);
-    const lesson = this.session.shape();
+    const { lesson } = this.page.doubts;
     return { lesson, error: lesson ? null : "The shape of this session is not known yet: it is being drawn." };
   }
 
@@ -183,7 +185,7 @@ export class Teaching {
     this.stop();
     const { part } = this.stage;
     this.known[part] = { key: this.key(part), lesson: null, error: "Cancelled: this stage has not been computed." };
-    this.update();
+    this.show();
     byId("teaching-again").focus(); // Cancel, which had it, is gone
   }
 
@@ -191,7 +193,7 @@ export class Teaching {
   change(/** @type {Partial<LessonParameters> | null} */ by) {
     this.changed = by ? { ...this.changed, ...by } : {};
     this.load();
-    this.update();
+    this.show();
   }
 
   again() {
@@ -210,11 +212,11 @@ export class Teaching {
       const tick = (/** @type {number} */ now) => {
         this.time = within((now - began) / STATE_MS, 0, last);
         this.playing = this.time < last ? requestAnimationFrame(tick) : null;
-        this.update();
+        this.show();
       };
       this.playing = requestAnimationFrame(tick);
     }
-    this.update();
+    this.show();
   }
 
   get lastTime() {
@@ -261,7 +263,7 @@ export class Teaching {
     setText(byId("teaching-place"), `Stage ${this.at + 1} of ${STAGES.length}: ${this.stage.name}`);
     find(".teaching-text").scrollTop = 0;
     const [isFirst, isLast] = [this.at === 0, this.at === STAGES.length - 1];
-    const tip = (/** @type {string} */ name) => tipOf(action(this, name));
+    const tip = (/** @type {string} */ name) => this.page.tip(name);
     setAllowed(byId("teaching-back"), isFirst ? "This is the first stage." : null, tip("teach_back"));
     setAllowed(byId("teaching-next"), isLast ? "This is the last stage." : null, tip("teach_next"));
     byId("teaching-next").classList.toggle("primary", !isLast);
@@ -269,7 +271,7 @@ export class Teaching {
   }
 
   /** What changes with the lessons, the parameters and the time. */
-  update() {
+  show() {
     if (!this.open) return;
     const { lesson, error } = this.here ?? {};
     this.showSliders();
@@ -344,7 +346,7 @@ export class Teaching {
     const isSlow = running?.part === this.stage.part && performance.now() - running.since >= QUIET_MS - 5;
     byId("teaching-progress").hidden = !isSlow;
     FRAME.classList.toggle("busy", isSlow);
-    const { share, text } = this.session.progress() ?? { share: 0, text: "Waiting" };
+    const { share, text } = this.page.state.lesson ?? { share: 0, text: "Waiting" };
     setText(byId("teaching-progress-text"), `${text} · ${Math.round(100 * share)} %`);
     byId("teaching-progress-bar").value = share;
   }

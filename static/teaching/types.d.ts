@@ -54,21 +54,6 @@ declare global {
   /** What is known of a part: the lesson, or why there is none, and what it was asked for with. */
   type KnownPart = { key: string; lesson: any; error: string | null };
   type Running = { part: PartName; key: string; abort: AbortController; since: number };
-  /** What the teaching mode asks of the page; `garment` and `other` are the revisions of what is known of them. */
-  type Session = {
-    actions: () => ActionRow[];
-    name: () => string;
-    startView: () => number | null;
-    views: () => number;
-    progress: () => State["lesson"];
-    garment: () => number;
-    doubts: () => number | null;
-    findOther: () => unknown;
-    /** Null until it is known. */
-    shape: () => ShapeLesson | null;
-    run: (name: string) => void;
-  };
-
   type Lesson = {
     array: Record<string, Float32Array>;
     picture: Record<string, Drawable>;

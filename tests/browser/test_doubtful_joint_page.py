@@ -69,7 +69,8 @@ def test_a_doubtful_shape_is_found_understood_and_repaired_by_four_keys_that_the
 
 def it_is_shown_in_its_views_and_found_by_a_click(tab, panel):
     page = tab.page
-    view = page.evaluate("flatcloth.doubts.list[0].views[0].view_index")
+    most, view = page.evaluate("flatcloth.doubts.list[0].views.slice(0, 2).map((held) => held.view_index)")
+    tab.until(f"flatcloth.sources.drawn?.view === {most}")  # the view that holds most of it
     panel.locator(f"[data-id=doubt-view-{view}]").click()
     tab.until(f"flatcloth.sources.drawn.view === {view}")
     at = page.locator("#source-canvas").bounding_box()
@@ -107,7 +108,6 @@ def the_part_is_turned_by_its_handle_and_snaps(tab):
     before = told.text_content()
     tab.page.keyboard.press("Shift+ArrowRight")
     expect(told).not_to_have_text(before)
-    tab.shoot("joint-turned")
     tab.page.keyboard.press("Escape")
     tab.until("flatcloth.doubts.at === 0")
 

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { layoutOf, shareWithin } from "../../static/layout/layout.js";
+import { layoutOf } from "../../static/layout/layout.js";
 
 test("all panes are beside one another in a wide window only", () => {
   assert.equal(layoutOf(1200, 700).kind, "wide");
@@ -20,15 +20,4 @@ test("the details have a tab only where they have no place of their own", () => 
   ])
     assert.ok(!layoutOf(width, height).panes.includes("details"));
   assert.ok(layoutOf(640, 360).panes.includes("details"));
-});
-
-test("a divider leaves both panes their least size", () => {
-  assert.equal(shareWithin(0.5, 1000, [200, 300]), 0.5);
-  assert.equal(shareWithin(0, 1000, [200, 300]), 0.2);
-  assert.equal(shareWithin(1, 1000, [200, 300]), 0.7);
-});
-
-test("without room for both the first keeps its least size", () => {
-  assert.equal(shareWithin(0.9, 400, [200, 300]), 0.5);
-  assert.equal(shareWithin(0.1, 100, [200, 300]), 1);
 });
