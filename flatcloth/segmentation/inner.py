@@ -40,7 +40,7 @@ def inner_faces(clusters: Clusters, graph: SignedGraph, lightness: Float64, *, n
     noisy : bool
         Whether most views have a sensor's noise.
     """
-    a, b, depth_m, sure = back_to_back(clusters)
+    a, b, depth_m, sure = back_to_back(clusters, SETTINGS.near_m)
     ends = np.append(a, b)
     weight = np.bincount(ends, np.tile(sure, 2), clusters.count).astype(np.float64)
     thickness_m = np.bincount(ends, np.tile(sure * depth_m, 2), clusters.count) / np.maximum(weight, 1e-12)

@@ -89,8 +89,8 @@ def signed_graph(clusters: Clusters, links: list[Links]) -> SignedGraph:
     turn = ((clusters.normal[first] - clusters.normal[second]) * chord).sum(axis=1)
     sharp = np.maximum(-turn - SETTINGS.convex, 0.0) / SETTINGS.convex
     weight = np.exp(-(sharp**2)) * seen / (seen + SETTINGS.link_facing)
-    front, back, depth, against = back_to_back(clusters)
-    against *= np.square(1.0 - np.abs(depth) / SETTINGS.near_m)
+    front, back, depth, against = back_to_back(clusters, SETTINGS.layers_m)
+    against *= 1.0 - np.abs(depth) / SETTINGS.layers_m
     return SignedGraph(
         count=clusters.count,
         first=np.concatenate([first, front]),
@@ -99,13 +99,13 @@ def signed_graph(clusters: Clusters, links: list[Links]) -> SignedGraph:
     )
 
 
-def back_to_back(clusters: Clusters) -> tuple[Int64, Int64, Float64, Float64]:
+def back_to_back(clusters: Clusters, most_m: float) -> tuple[Int64, Int64, Float64, Float64]:
     """Return pairs of clusters (P,), (P,) that face away from each other, their distance and weight (P,).
 
-    The distance is along their normals, at most ``near_m``, and negative where errors put one in front of the
+    The distance is along their normals, at most ``most_m``, and negative where errors put one in front of the
     other. The weight is below 1.
     """
-    farthest_m = float(np.hypot(SETTINGS.near_m, SETTINGS.cluster_m))
+    farthest_m = float(np.hypot(most_m, SETTINGS.cluster_m))
     a, b = cKDTree(clusters.place_m).query_pairs(farthest_m, output_type="ndarray").astype(np.int64).T
     turned = (clusters.normal[a] * clusters.normal[b]).sum(axis=1) < -SETTINGS.alike_cos
     a, b = a[turned], b[turned]
@@ -114,7 +114,7 @@ def back_to_back(clusters: Clusters) -> tuple[Int64, Int64, Float64, Float64]:
     axis /= np.linalg.norm(axis, axis=1)[:, None]
     depth: Float64 = -(offset * axis).sum(axis=1)
     across = np.sqrt(np.maximum((offset**2).sum(axis=1) - depth**2, 0.0))
-    kept = (depth < SETTINGS.near_m) & (depth > -SETTINGS.cluster_m / 2) & (across < SETTINGS.cluster_m)
+    kept = (depth < most_m) & (depth > -SETTINGS.layers_m) & (across < SETTINGS.cluster_m)
     a, b = a[kept], b[kept]
     pixels = np.minimum(clusters.pixels[a], clusters.pixels[b])
     facing = np.minimum(clusters.facing[a], clusters.facing[b])

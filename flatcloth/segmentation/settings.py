@@ -33,6 +33,8 @@ class SegmentationConfig:
     convex: float = 0.15
     """Links across a convex turn (sum of the sines at both ends) sharper than this are weaker, by a Gaussian
     of this width."""
+    layers_m: float = 0.004
+    """The two layers of a plate lie at most this far apart."""
     samples: int = 32
     """Divisions by disturbed evidence; the certainty is computed from them."""
     disturbance_m: float = 0.05
