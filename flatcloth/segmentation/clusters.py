@@ -99,16 +99,16 @@ def _gathered(points: Float32, normals: Float32, order: Uint32, limits: _Limits)
     head, following = np.full(_BUCKETS, -1, np.int32), np.empty(len(points), np.int32)
     begun, of_pixel, count = np.empty((len(points), 6), np.float32), np.empty(len(points), np.int32), 0
     for i in order:
-        pixel, covered, n, j = _pixel(points, normals, i), False, 0, -1
+        covered, n, j = False, 0, -1
         while n < 27 and not covered:
-            j = head[_bucket(pixel, limits, (n + 13) % 27)]  # its own cell first
-            while j >= 0 and not _covers(pixel, begun, j, limits):
+            j = head[_bucket(points[i], limits, (n + 13) % 27)]  # its own cell first
+            while j >= 0 and not _covers(points[i], normals[i], begun[j], limits):
                 j = following[j]
             covered = j >= 0
             n += 1
         if not covered:
             begun[count, :3], begun[count, 3:] = points[i], normals[i]
-            bucket = _bucket(pixel, limits)
+            bucket = _bucket(points[i], limits)
             following[count], head[bucket], j = head[bucket], count, count
             count += 1
         of_pixel[i] = j
@@ -116,34 +116,24 @@ def _gathered(points: Float32, normals: Float32, order: Uint32, limits: _Limits)
 
 
 @njit(cache=True, nogil=True)
-def _pixel(points: Float32, normals: Float32, i: int) -> tuple[float, float, float, float, float, float]:
-    return points[i, 0], points[i, 1], points[i, 2], normals[i, 0], normals[i, 1], normals[i, 2]
+def _bucket(point: Float32, limits: _Limits, n: int = 13) -> int:
+    """Return the bucket of one of the 27 cells around a point, by default of its own."""
+    size, dx, dy, dz = limits.radius_m, n // 9 - 1, n // 3 % 3 - 1, n % 3 - 1
+    x, y, z = math.floor(point[0] / size), math.floor(point[1] / size), math.floor(point[2] / size)
+    return cell_of(x + dx, y + dy, z + dz, _BUCKETS)
 
 
 @njit(cache=True, nogil=True)
-def _cell(place: tuple[float, ...], limits: _Limits) -> tuple[int, int, int]:
-    size = limits.radius_m
-    return math.floor(place[0] / size), math.floor(place[1] / size), math.floor(place[2] / size)
-
-
-@njit(cache=True, nogil=True)
-def _bucket(place: tuple[float, ...], limits: _Limits, n: int = 13) -> int:
-    """Return the bucket of one of the 27 cells around a place, by default of its own."""
-    x, y, z = _cell(place, limits)
-    return cell_of(x + n // 9 - 1, y + n // 3 % 3 - 1, z + n % 3 - 1, _BUCKETS)
-
-
-@njit(cache=True, nogil=True)
-def _covers(pixel: tuple[float, ...], begun: Float32, j: int, limits: _Limits) -> bool:
+def _covers(point: Float32, normal: Float32, begun: Float32, limits: _Limits) -> bool:
     """Return whether a pixel is on the layer of a cluster, and near its middle."""
-    radius, offset, least_cos = limits
     turn, along, distance = 0.0, 0.0, 0.0
     for k in range(3):
-        d = pixel[k] - begun[j, k]
-        turn += pixel[3 + k] * begun[j, 3 + k]
-        along += d * begun[j, 3 + k]
+        d = point[k] - begun[k]
+        turn += normal[k] * begun[3 + k]
+        along += d * begun[3 + k]
         distance += d * d
-    return (turn > least_cos) & (distance - along * along < radius * radius) & (abs(along) < offset)
+    across = distance - along * along
+    return (turn > limits.least_cos) & (across < limits.radius_m**2) & (abs(along) < limits.offset_m)
 
 
 @njit(cache=True, nogil=True)

@@ -204,17 +204,13 @@ def _poses(
     if confirmed or len(surfaces) < 2:
         return known
     fits: Fits = {}
-    with ThreadPoolExecutor(THREADS) as pool:
-        features = dict(enumerate(pool.map(_features, surfaces[::_LOOK])))
-        features = {_LOOK * n: seen for n, seen in features.items()}
-        look = register(list(features.values()), axis, held_point_m, fits, threads=THREADS)
-        if not look.is_loose:
+    for step in (_LOOK, 1):
+        with ThreadPoolExecutor(THREADS) as pool:
+            features = list(pool.map(_features, surfaces[::step]))
+        registered = register(features, axis, held_point_m, fits, threads=THREADS)
+        if not registered.is_loose:
             return known
-        rest = [n for n in range(len(surfaces)) if n not in features]
-        features |= zip(rest, pool.map(_features, [surfaces[n] for n in rest]), strict=True)
-    seen = [features[n] for n in range(len(surfaces))]
-    registered = register(seen, axis, held_point_m, fits, threads=THREADS)
-    return registered.object_from_camera if registered.is_loose else known
+    return registered.object_from_camera
 
 
 def _features(surface: Surface) -> ViewFeatures:

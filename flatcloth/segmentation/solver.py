@@ -84,7 +84,7 @@ class SideSolver:
 
         Notes
         -----
-        Only what follows the longest known prefix is computed: a further stroke takes about 0.1 s.
+        Only what follows the longest known prefix is computed: a further stroke takes about 0.05 s.
         """
         key = tuple(decisions)
         return self._results.get(key, lambda: self._result(key))
