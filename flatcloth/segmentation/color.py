@@ -67,10 +67,11 @@ def alike_in_color(clusters: Clusters, graph: SignedGraph, chroma: Float64) -> t
 def odds_by_color(graph: SignedGraph, chroma: Float64, alike: Float64) -> Float64:
     """Return the log odds (M,) of the one side by the colors of each cluster and its neighbours.
 
-    Colors, in steps of 6, are counted where ``alike``, from :func:`alike_in_color`, is positive and where it
-    is negative. So a small face amid cloth of the other color is told.
+    Colors are counted where ``alike``, from :func:`alike_in_color`, is positive and where it is negative, in
+    steps by Scott's rule (1992). So a small face amid cloth of the other color is told.
     """
-    kind = np.unique(chroma // 6, axis=0, return_inverse=True)[1].ravel()
+    step = np.cbrt(24 * np.sqrt(np.pi)) * chroma.std(axis=0) / len(chroma) ** (1 / 4)
+    kind = np.unique(chroma // np.maximum(step, 1), axis=0, return_inverse=True)[1].ravel()
     one, other = (np.bincount(kind, side * alike > 0.0) + 2.0 for side in (1.0, -1.0))
     odds = np.clip(np.log(one / one.sum()) - np.log(other / other.sum()), -4.0, 4.0)
     return averaged(graph, odds[kind, None], 2)[:, 0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -143,28 +143,31 @@ def gather_evidence(
     progress(0.6, "clusters of the surface")
     noise_m = float(np.median([surface.noise_m for surface in surfaces]))
     noisy = bool(np.median([surface.noisy for surface in surfaces]))
-    seen, of_views, colors = list[_Seen](), list[tuple[Float32, Float32, Float32]](), []
+    seen, of_views, colors = list[tuple[ObservedView, Float32, Uint8]](), [], []
     for pose in poses:  # the clusters need few of the surfaces' 25 bytes a pixel
         surface = surfaces.pop(0)
-        seen.append(_Seen.of(surface, pose))
-        colors.append(cv2.cvtColor(surface.frame.color, cv2.COLOR_RGB2LAB)[surface.usable])
+        n = at[surface.frame.view_index]
         of_views.append(_points_of(surface, pose))
+        seen.append(_view(surface, pose, (item.masks[n], item.outlined[n]), of_views[-1][2]))
+        colors.append(cv2.cvtColor(surface.frame.color, cv2.COLOR_RGB2LAB)[surface.usable])
     points, normals, cos = (np.concatenate(each) for each in zip(*of_views, strict=True))
     del crops, of_views, surface
     clusters = gather(points, normals, cos, noise_m)
-    sums = [np.bincount(clusters.of_pixel + 1, each)[1:] for each in np.concatenate(colors).T]
+    sums = [np.bincount(clusters.of_pixel, each) for each in np.concatenate(colors).T]
     mean = np.stack(sums, axis=1) / clusters.pixels[:, None]
-    facing, labels = _images(cos, seen, 0.0), _images(clusters.of_pixel, seen, -1)
-    del points, normals, colors
+    del points, normals, cos, colors
+    views, facing, steps = zip(*seen, strict=True)
+    ends = np.cumsum([np.count_nonzero(view.surface) for view in views])[:-1]
+    labels = [
+        _image(view.surface, own) for view, own in zip(views, np.split(clusters.of_pixel, ends), strict=True)
+    ]
     with ThreadPoolExecutor(THREADS) as pool:
-        links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
-        graph = signed_graph(clusters, links)
+        graph = signed_graph(clusters, list(pool.map(links_of_view, labels, facing, steps)))
         inner = pool.submit(inner_faces, clusters, graph, mean[:, 0], noisy=noisy)
-        masks = ((item.masks[n], item.outlined[n]) for n in (at[view.view_index] for view in seen))
-        views = {view.view_index: view for view in pool.map(_view, seen, masks, labels, facing)}
+        views = tuple(pool.map(_labelled, views, labels))
     progress(0.8, "sides")
     return Evidence(
-        views=views,
+        views={view.view_index: view for view in views},
         view_numbers=frozenset(at),
         clusters=clusters,
         graph=graph,
@@ -201,17 +204,13 @@ def _poses(
     if confirmed or len(surfaces) < 2:
         return known
     fits: Fits = {}
-    with ThreadPoolExecutor(THREADS) as pool:
-        features = dict(enumerate(pool.map(_features, surfaces[::_LOOK])))
-        features = {_LOOK * n: seen for n, seen in features.items()}
-        look = register(list(features.values()), axis, held_point_m, fits, threads=THREADS)
-        if not look.is_loose:
+    for step in (_LOOK, 1):
+        with ThreadPoolExecutor(THREADS) as pool:
+            features = list(pool.map(_features, surfaces[::step]))
+        registered = register(features, axis, held_point_m, fits, threads=THREADS)
+        if not registered.is_loose:
             return known
-        rest = [n for n in range(len(surfaces)) if n not in features]
-        features |= zip(rest, pool.map(_features, [surfaces[n] for n in rest]), strict=True)
-    seen = [features[n] for n in range(len(surfaces))]
-    registered = register(seen, axis, held_point_m, fits, threads=THREADS)
-    return registered.object_from_camera if registered.is_loose else known
+    return registered.object_from_camera
 
 
 def _features(surface: Surface) -> ViewFeatures:
@@ -221,38 +220,6 @@ def _features(surface: Surface) -> ViewFeatures:
     return replace(features, make_images=lambda: images)
 
 
-class _Seen(NamedTuple):
-    """What is kept of the surface in a view: the pixels ``usable`` (h, w), their ``steps``, and the depth."""
-
-    view_index: int
-    offset_rc: tuple[int, int]
-    intrinsics: Intrinsics
-    object_from_camera: Rigid3
-    depth_m: Float32
-    usable: Bool
-    steps: Uint8
-
-    @classmethod
-    def of(cls, surface: Surface, pose: Rigid3) -> _Seen:
-        """Keep this of a surface, with the pose of its camera."""
-        frame = surface.frame
-        return cls(
-            frame.view_index, frame.offset_rc, frame.intrinsics, pose, frame.depth_m, surface.usable,
-            surface.steps,
-        )  # fmt: skip
-
-
-def _images(values: NDArray[_T], seen: Sequence[_Seen], elsewhere: float) -> list[NDArray[_T]]:
-    """Return images (h, w) of the values (N,) of all usable pixels, view by view."""
-    images = []
-    ends = np.cumsum([np.count_nonzero(view.usable) for view in seen])[:-1]
-    for view, own in zip(seen, np.split(values, ends), strict=True):
-        image = np.full(view.usable.shape, elsewhere, dtype=values.dtype)
-        image[view.usable] = own
-        images.append(image)
-    return images
-
-
 def _points_of(surface: Surface, pose: Rigid3) -> tuple[Float32, Float32, Float32]:
     """Return points and normals (N, 3) of a surface, object frame, and cosines (N,) of the incidence."""
     xyz_m, normal = surface.xyz_m[surface.usable], surface.normal[surface.usable]
@@ -260,29 +227,40 @@ def _points_of(surface: Surface, pose: Rigid3) -> tuple[Float32, Float32, Float3
     return pose.apply(xyz_m).astype(np.float32), pose.turn(normal).astype(np.float32), cos.astype(np.float32)
 
 
-def _view(seen: _Seen, masks: tuple[Bool, Bool], label: Int32, facing: Float32) -> ObservedView:
-    top, left = seen.offset_rc
-    rows, cols = seen.depth_m.shape
+def _image(shown: Bool, values: NDArray[_T], elsewhere: float = -1) -> NDArray[_T]:
+    """Return an image (h, w) of the values (N,) of the pixels shown."""
+    image = np.full(shown.shape, elsewhere, dtype=values.dtype)
+    image[shown] = values
+    return image
+
+
+def _view(
+    surface: Surface, pose: Rigid3, masks: tuple[Bool, Bool], cos: Float32
+) -> tuple[ObservedView, Float32, Uint8]:
+    """Return a view that has no clusters yet, the cosine of the incidence (h, w), and the surface's steps."""
+    frame, facing = surface.frame, _image(surface.usable, cos)
+    (top, left), (rows, cols), k = frame.offset_rc, frame.depth_m.shape, frame.intrinsics
     item, outlined = (mask[top : top + rows, left : left + cols] for mask in masks)
-    k = seen.intrinsics
-    area = np.zeros(label.shape, dtype=np.float32)
-    known = label >= 0
-    area[known] = seen.depth_m[known] ** 2 / (k.fx * k.fy) / facing[known]
-    near = filled(label, seen.depth_m, item)
-    return ObservedView(
-        view_index=seen.view_index,
-        offset_rc=seen.offset_rc,
+    view = ObservedView(
+        view_index=frame.view_index,
+        offset_rc=frame.offset_rc,
         full_shape=(masks[0].shape[0], masks[0].shape[1]),
         intrinsics=k,
-        object_from_camera=seen.object_from_camera,
+        object_from_camera=pose,
         item=item,
         outlined=outlined,
-        depth_m=seen.depth_m,
-        cluster=near,
-        shows=np.unique(near[near >= 0]),
-        surface=known,
-        area_m2=area,
+        depth_m=frame.depth_m,
+        cluster=np.empty((0, 0), dtype=np.int32),
+        shows=np.empty(0, dtype=np.int32),
+        surface=surface.usable,
+        area_m2=np.where(surface.usable, frame.depth_m**2 / (k.fx * k.fy) / facing, 0).astype(np.float32),
     )
+    return view, facing, surface.steps
+
+
+def _labelled(view: ObservedView, label: Int32) -> ObservedView:
+    near = filled(label, view.depth_m, view.item)
+    return replace(view, cluster=near, shows=np.unique(near[near >= 0]))
 
 
 def filled(label: Int32, depth_m: Float32, item: Bool) -> Int32:

@@ -12,9 +12,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
 
-from flatcloth.core.types import Float32, Float64, Int64
+from flatcloth.core.compiled import njit
+from flatcloth.core.graphs import grouped
+from flatcloth.core.types import Float64, Int64
 from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.relations import SignedGraph
 from flatcloth.segmentation.settings import SETTINGS
@@ -27,44 +28,56 @@ _KNOWN = 1e3
 """Evidence of what is known of a core. By definition: far above the evidence between cores."""
 
 
-def divided(
-    count: int, first: Int64, second: Int64, weight: Float64, most: int | None = None
-) -> tuple[Float64, Int64]:
+@njit(cache=True, nogil=True)
+def divided(count: int, first: Int64, second: Int64, weight: Float64, most: int) -> tuple[Float64, Int64]:
     """Join nodes until no net evidence is left, or into parts of at most ``most`` nodes; see the module.
 
     Returns the side (M,) of each node, +1 or -1, comparable inside a part, and the number (M,) of its part.
-    Takes about 0.1 s for 20 000 nodes.
+    Takes about 0.02 s for 20 000 nodes.
     """
-    side, part, size = np.ones(count), np.arange(count), np.ones(count, np.int64)
+    side, part, size, limited = np.ones(count), np.arange(count), np.ones(count), most < count
     while True:
-        ends = np.sort(np.stack([first, second])[:, first != second], axis=0)
-        net = coo_matrix((weight[first != second], ends), shape=(size.size, size.size)).tocsr().tocoo()
-        first, second, weight = net.row, net.col, net.data
-        may = weight != 0.0
-        if most is not None:
-            may &= size[first] + size[second] <= most
-        if not may.any():
-            return side, part
-        order = np.flatnonzero(may)[np.argsort(np.abs(weight[may]), kind="stable")]
+        first, second, weight = _net(size.size, first, second, weight)
         strongest = np.full(size.size, -1)
-        for end in (first, second):
-            np.maximum.at(strongest, end[order], np.arange(len(order)))
-        node = np.flatnonzero(strongest >= 0)
-        edge = order[strongest[node]]
-        to = first[edge] + second[edge] - node
+        for e in range(weight.size):
+            if weight[e] != 0.0 and size[first[e]] + size[second[e]] <= most:
+                for node in (first[e], second[e]):
+                    if strongest[node] < 0 or abs(weight[e]) >= abs(weight[strongest[node]]):
+                        strongest[node] = e
+        if strongest.max() < 0:
+            return side, part
         # Two parts that choose each other become one, with those that choose either unless sizes are limited.
-        mutual = np.zeros(size.size, dtype=np.bool_)
-        mutual[node] = strongest[to] == strongest[node]
-        joins = np.where(mutual[node], node > to, mutual[to] & (most is None))
-        parent, sign = np.arange(size.size), np.ones(size.size)
-        parent[node[joins]], sign[node[joins]] = to[joins], np.sign(weight[edge[joins]])
-        while (parent[parent] != parent).any():
-            sign, parent = sign * sign[parent], parent[parent]
-        root, number = np.unique(parent, return_inverse=True)
+        own, sign = np.arange(size.size), np.ones(size.size)
+        to = own.copy()
+        for node in np.flatnonzero(strongest >= 0):
+            to[node] = first[strongest[node]] + second[strongest[node]] - node
+            sign[node] = np.sign(weight[strongest[node]])
+        mutual = strongest[to] == strongest
+        joins = np.where(mutual, own > to, mutual[to] & (not limited))
+        to, sign = np.where(joins, to, own), np.where(joins, sign, 1.0)
+        to, sign = to[to], sign * sign[to]
+        number = (np.cumsum(to == own) - 1)[to]
         weight = weight * sign[first] * sign[second]
         side, part = side * sign[part], number[part]
-        size = np.bincount(number, size, root.size).astype(np.int64)
+        size = np.bincount(number, size).astype(np.float64)
         first, second = number[first], number[second]
+
+
+@njit(cache=True, nogil=True)
+def _net(count: int, first: Int64, second: Int64, weight: Float64) -> tuple[Int64, Int64, Float64]:
+    """Add up the evidence about each two nodes; that of a node about itself goes."""
+    begin, edges = grouped(np.where(first != second, np.minimum(first, second), -1), count)
+    low, high, net = np.empty(edges.size, np.int64), np.empty(edges.size, np.int64), np.zeros(edges.size)
+    last, found = np.full(count, -1), 0
+    for node in range(count):
+        own = found
+        for e in edges[begin[node] : begin[node + 1]]:
+            other = max(first[e], second[e])
+            if last[other] < own:
+                last[other], low[found], high[found] = found, node, other
+                found += 1
+            net[last[other]] += weight[e]
+    return low[:found], high[:found], net[:found]
 
 
 class Divisions:
@@ -99,19 +112,22 @@ class Divisions:
         middle = np.concatenate([0.5 * (place_m[graph.first] + place_m[graph.second]), place_m])
         ends = np.sort(np.stack([self._core[first], self._core[second]], axis=1), axis=1)
         between = np.flatnonzero((ends[:, 0] != ends[:, 1]) & ((second < graph.count) | (weight != 0.0)))
-        pairs, self._pair = np.unique(ends[between] @ [self._cores, 1], return_inverse=True)
+        pairs, pair = np.unique(ends[between] @ [self._cores, 1], return_inverse=True)
         self._first, self._second = pairs // self._cores, pairs % self._cores
         first, second, middle, count = first[between], second[between], middle[between], len(between)
         colored = second == graph.count
-        self._weight = weight[between] * self._side[first] * self._side[second]
-        joins = colored | (weight[between] > 0)
-        self._factors: list[Float32] = []
+        weight = weight[between]
+        joins = colored | (weight > 0)
+        alike_m = np.linalg.norm(place_m.std(axis=0))  # how far from its middle the cloth lies
+        weight *= self._side[first] * self._side[second]
+        self._weights: list[Float64] = []
         for _ in range(SETTINGS.samples):
             shift, factor = random.uniform(size=3), random.standard_normal(count)
-            cell = np.floor(middle / (8 * SETTINGS.disturbance_m) + shift).astype(np.int64)
+            cell = np.floor(middle / alike_m + shift).astype(np.int64)
             spot = (cell @ np.array([73856093, 19349663, 83492791]) + joins) % max(count, 1)
-            counts = ~colored | (len(self._factors) < probability * SETTINGS.samples)
-            self._factors.append((counts * np.exp(3.0 * factor)[spot]).astype(np.float32))
+            counts = ~colored | (len(self._weights) < probability * SETTINGS.samples)
+            disturbed = np.bincount(pair, weight * counts * np.exp(3.0 * factor)[spot], pairs.size)
+            self._weights.append(disturbed.astype(np.float64))
 
     def sides(self, known: Float64, before: Int8 | None = None) -> Int8:
         """Return the sides (K, M) in each division, 1 or -1.
@@ -130,13 +146,13 @@ class Divisions:
             if before is not None and not (self._of_cores(before[k]) * held < 0.0).any():
                 kept: Int8 = before[k]
                 return kept
-            weight = np.bincount(self._pair, self._weight * self._factors[k], len(self._first))
             at, last = np.flatnonzero(held), self._cores  # one more node stands for side +1
             side, part = divided(
                 last + 1,
                 np.concatenate([self._first, at]),
                 np.concatenate([self._second, np.full(len(at), last)]),
-                np.concatenate([weight, _KNOWN * held[at]]),
+                np.concatenate([self._weights[k], _KNOWN * held[at]]),
+                last + 1,
             )
             root = np.unique(part, return_index=True)[1]
             root[part[-1]] = last
@@ -146,7 +162,7 @@ class Divisions:
 
         held = self._of_cores(known)
         with ThreadPoolExecutor(THREADS) as pool:
-            return np.stack(list(pool.map(division, range(len(self._factors)))))
+            return np.stack(list(pool.map(division, range(len(self._weights)))))
 
     def _of_cores(self, sides: Float64 | Int8) -> Float64:
         """Return the side of each core, that of most of its nodes; 0 where none has one."""

@@ -38,9 +38,7 @@ class SegmentationConfig:
     samples: int = 32
     """Divisions by disturbed evidence; the certainty is computed from them."""
     disturbance_m: float = 0.05
-    """Errors of the evidence of a pair, and prints, are alike over this distance; errors along a seam in
-    smooth cloth, by which the evidence is disturbed (standard deviation: a factor e cubed), over eight times
-    as much."""
+    """Errors of the evidence of a pair, and prints, are alike over this distance."""
     least_region: int = 30
     """Fewest clusters of an inner face. Chosen."""
     least_certainty: float = 0.7
