@@ -90,6 +90,5 @@ def cloth_of(uv: np.ndarray, xyz: np.ndarray, edges: np.ndarray, evidence: np.nd
         edges=edges,
         length_m=np.linalg.norm(uv[edges[:, 0]] - uv[edges[:, 1]], axis=1),
         evidence=evidence,
-        firm=evidence,
         view_index=np.zeros(len(edges), dtype=np.int32),
     )

@@ -136,7 +136,6 @@ def exact_graph(
         variance_m2=np.full(len(ends), std_m**2),
         evidence=np.full(len(ends), evidence),
         views=np.ones(len(ends), dtype=np.int64),
-        flat=np.ones(len(ends)),
     )
 
 

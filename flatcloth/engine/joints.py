@@ -19,7 +19,7 @@ from flatcloth.garments.fit import APART_M
 from flatcloth.garments.links import DoubtedLink, place_elsewhere, split
 from flatcloth.session.garment import DoubtedPart
 from flatcloth.shape.graph import pairs_once
-from flatcloth.shape.joints import weak_joints
+from flatcloth.shape.joints import seen_often, weak_joints
 
 _MOST = 0.9  # by definition: nine tenths of the residuals are below
 
@@ -87,12 +87,12 @@ def joints_of(
     """
     joined = np.flatnonzero(cloth.joined)
     pairs, pair = pairs_once(cloth.edges[joined])
-    views = np.bincount(pair)
-    firm, length_m = (np.bincount(pair, of[joined]) / views for of in (cloth.firm, cloth.length_m))
+    counted = seen_often(np.bincount(pair, cloth.evidence[joined]).astype(np.float64), np.bincount(pair))
+    length_m = np.bincount(pair, cloth.length_m[joined]) / np.bincount(pair)
     parts = [(link.part, link.probability) for link in doubted]
     last = last_decisions(cloth, decisions)
     parts += [(part, decided.probability) for decided, part in last if decided.std_m]
-    for joint in weak_joints(pairs, firm, cloth.placed):
+    for joint in weak_joints(pairs, counted, cloth.placed):
         if not any(is_same_part(joint.part, part) for part, _ in parts):
             parts.append((joint.part, 1.0 - joint.false * cloth.is_noisy))
     kept = [part for decided, part in last if not (decided.taken_off or decided.std_m)]
@@ -109,7 +109,7 @@ def joints_of(
             Joint(
                 part=part,
                 share=np.count_nonzero(part) / np.count_nonzero(cloth.placed),
-                evidence=float(firm[apart].sum()),
+                evidence=float(counted[apart].sum()),
                 probability=1.0 if is_kept else probability,
                 ends_uv_m=cloth.uv_m[ends],
                 length_m=length_m[apart],

@@ -115,7 +115,7 @@ def _joint(joint: Joint | OtherJoint, area_m2: float) -> dict[str, Any]:
         "area_cm2": round(1e4 * joint.share * area_m2, 1),
         "share": round(float(joint.share), 4),
         "probability": round(joint.probability, 4),
-        "evidence": round(joint.evidence, 4),
+        "evidence": round(joint.evidence, 2),
     }
 
 

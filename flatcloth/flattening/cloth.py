@@ -17,7 +17,6 @@ class Cloth:
     ``uv_m`` (N, 2), ``xyz_m`` (N, 3, object frame) of the samples, NaN without a position; ``edges`` (M, 2)
     int32 are those of Eq. (2) at their present position on the plane; ``length_m`` (M,) along the cloth.
     ``evidence`` (M,) that a pair is one sheet; ``view_index`` (M,) saw it; noise may join layers that touch.
-    ``firm`` (M,) how firmly all views together join the ends of a pair.
     """
 
     uv_m: Float64
@@ -25,7 +24,6 @@ class Cloth:
     edges: Int32
     length_m: Float64
     evidence: Float64
-    firm: Float64
     view_index: Int32
     is_noisy: bool = False
 

@@ -148,9 +148,11 @@ def _shape(
     #    also what each node is off by itself, and what hangs on doubtful joints.
     std_m = deviations_m(laid.at, graph, np.where(main, 0, -1), ripples=ripples)
     if is_noisy:
-        evidence = seen_often(np.where(laid.holds, graph.flat, 0.0), graph.views)
-        doubt = doubt_m(graph.pairs, evidence, laid.piece == 0, laid.z, kept=kept)
-        std_m = np.hypot(np.hypot(std_m, PLACE_STD_M), doubt)
+        evidence = seen_often(np.where(laid.holds, graph.evidence, 0.0), graph.views)
+        std_m = np.hypot(
+            np.hypot(std_m, PLACE_STD_M),
+            doubt_m(graph.pairs, evidence, laid.piece == 0, laid.z, kept=kept),
+        )
     return Shape(
         nodes=seen.nodes,
         observations=seen.observations,

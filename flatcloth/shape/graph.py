@@ -7,7 +7,6 @@ views, so that places that different views measure can be averaged.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -16,12 +15,13 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import Rigid3, tangent_basis
 from flatcloth.core.types import Complex128, Float64, Int32, Int64
-from flatcloth.flattening.sampling import BENT_DEG
 from flatcloth.shape.observations import Nodes, Observation
 
 ANOTHER_LAYER_M = 0.0018
 """Error of a pair that one noisy view sees, since its depth may be mixed with another layer's: n views that
 agree leave an n-th of it. Measured: docs/tried.md."""
+
+
 _DISAGREES_STDS = 2.0
 """A view that is off the mean of its pair by so many standard deviations has a quarter of its weight. With 1,
 views of a D435 lose too much (medians 9 % worse). Set by hand."""
@@ -52,8 +52,7 @@ class Graph:
     ``xyz_m`` (N, 3) the nodes in space, object frame. ``pairs`` (P, 2) int32, the lower node first, sorted;
     ``length_m`` (P,) along the surface; ``offset_m`` (P, 2) complex the way from the first node to the
     second, in the frame of the first and of the second; ``variance_m2`` (P,) of both; ``evidence`` (P,) of
-    all views that the ends are one piece of cloth; ``views`` (P,) int64 their number; ``flat`` (P,) from 0
-    to 1, less the more the cloth bends between both.
+    all views that the ends are one piece of cloth; ``views`` (P,) int64 their number.
     """
 
     xyz_m: Float64
@@ -63,7 +62,6 @@ class Graph:
     variance_m2: Float64
     evidence: Float64
     views: Int64
-    flat: Float64
 
     def __len__(self) -> int:
         """Return the number of nodes."""
@@ -112,7 +110,6 @@ def graph_of(
         return found
 
     views = np.bincount(links.pair, minlength=count)
-    bend_rad = np.linalg.norm(nodes.normal[pairs[:, 0]] - nodes.normal[pairs[:, 1]], axis=1)  # if little
     layer_m = ANOTHER_LAYER_M if any(s.is_noisy for s in observations) else 0.0
     graph = Graph(
         xyz_m=nodes.xyz_m,
@@ -122,7 +119,6 @@ def graph_of(
         variance_m2=1.0 / total + np.square(layer_m / views),
         evidence=np.bincount(links.pair, links.evidence, count).astype(np.float64),
         views=views,
-        flat=np.exp(-np.square(bend_rad / math.radians(BENT_DEG))),
     )
     return graph, links
 
@@ -219,7 +215,6 @@ def pairs_as_laid(
         variance_m2=np.full(len(way), std_m**2),
         evidence=np.full(len(way), evidence),
         views=np.full(len(way), graph.views.max(initial=1)),
-        flat=np.ones(len(way)),
     )
 
 

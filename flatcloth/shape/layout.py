@@ -291,8 +291,7 @@ def _solved_together(factor: Float64, right: Float64) -> Float64:
     """Solve by the transpose of a factor; LAPACK would read it again for each right-hand side (N, K)."""
     found, (n, width), many = right.copy(), factor.shape, right.shape[1]
     for j in range(n):
-        for c in range(many):
-            found[j, c] /= factor[j, 0]
+        found[j] /= factor[j, 0]
         for k in range(1, min(width, n - j)):
             for c in range(many):
                 found[j + k, c] -= factor[j, k] * found[j, c]
@@ -300,6 +299,5 @@ def _solved_together(factor: Float64, right: Float64) -> Float64:
         for k in range(1, min(width, n - j)):
             for c in range(many):
                 found[j, c] -= factor[j, k] * found[j + k, c]
-        for c in range(many):
-            found[j, c] /= factor[j, 0]
+        found[j] /= factor[j, 0]
     return found

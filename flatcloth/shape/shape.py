@@ -13,7 +13,6 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.shape.graph import Graph, Links
-from flatcloth.shape.joints import seen_often
 from flatcloth.shape.observations import Nodes, Observation
 
 PIECES_APART_M = 10.0
@@ -82,11 +81,6 @@ class Shape:
     def link_holds(self) -> Bool:
         """(M,) whether each link is of a pair that joins cloth."""
         return self.holds[self.links.pair]
-
-    @property
-    def firm(self) -> Float64:
-        """(P,) evidence of flat pairs that hold that they join cloth rightly."""
-        return seen_often(np.where(self.holds, self.graph.flat, 0.0), self.graph.views)
 
     @property
     def evidence(self) -> Float64:

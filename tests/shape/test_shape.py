@@ -117,8 +117,8 @@ def test_what_hangs_on_a_weak_joint_is_unsure_until_the_operator_keeps_it() -> N
     found = shape(views_of(noise_m=0.001), INTERVAL_PX, 1)
     part = CYLINDER.flat_uv_m(found.nodes.xyz_m)[:, 0] > 0.03
     first, second = found.graph.pairs.T
-    flat = np.where(part[first] != part[second], 1e-4, found.graph.flat)
-    weak = replace(found, graph=replace(found.graph, flat=flat))
+    evidence = np.where(part[first] != part[second], 0.05, found.graph.evidence)
+    weak = replace(found, graph=replace(found.graph, evidence=evidence))
     own = part & found.placed
     std_m = [np.median(as_decided(weak, DecidedParts(kept=kept), 1).std_m[own]) for kept in ([], [part])]
     assert std_m[0] > 10.0 * std_m[1]

@@ -29,56 +29,57 @@ def in_a_row(evidence: tuple[float, float], views: int = 4) -> tuple[Graph, Bool
     graph = exact_graph(THREE, np.concatenate([neighbours(THREE), joints]).astype(np.int32))
     ends = np.sort(SHEET[graph.pairs], axis=1)
     joins = ends[:, 0] != ends[:, 1]
-    flat = np.where(joins, np.array(evidence)[ends[:, 0] % 2] / 4.0, 1.0)
-    return replace(graph, flat=flat, views=np.where(joins, views, 4)), ends[:, 1] == 2
+    weight = np.where(joins, np.array(evidence)[ends[:, 0] % 2] / 4.0, 10.0)
+    return replace(graph, evidence=weight, views=np.where(joins, views, 4)), ends[:, 1] == 2
 
 
 def doubts_m(graph: Graph, holds: Bool | None = None) -> list[Float64]:
     """The doubt of the nodes of each sheet."""
     holds = np.ones(len(graph.pairs), dtype=bool) if holds is None else holds
-    off_m = doubt_m(graph.pairs, seen_often(np.where(holds, graph.flat, 0.0), graph.views), ALL, z_of(THREE))
+    evidence = seen_often(np.where(holds, graph.evidence, 0.0), graph.views)
+    off_m = doubt_m(graph.pairs, evidence, ALL, z_of(THREE))
     return [off_m[n == SHEET] for n in range(3)]
 
 
 def test_cloth_is_as_doubtful_as_the_weakest_joint_between_it_and_the_middle() -> None:
-    graph, _ = in_a_row((0.24, 0.2))
+    graph, _ = in_a_row((12.0, 10.0))
     middle, next_, last = doubts_m(graph)
-    np.testing.assert_allclose(next_, left_m(0.24, 1), rtol=0.05)
-    np.testing.assert_allclose(last, left_m(0.2, 2), rtol=0.1)
+    np.testing.assert_allclose(next_, left_m(12.0, 1), rtol=0.05)
+    np.testing.assert_allclose(last, left_m(10.0, 2), rtol=0.1)
     assert middle.max() < 0.05 * APART_M.max()
-    weak_first = doubts_m(in_a_row((0.2, 0.24))[0])
+    weak_first = doubts_m(in_a_row((10.0, 12.0))[0])
     np.testing.assert_allclose(weak_first[2], last, rtol=0.05)  # it hangs on the weak one, too
 
 
 def test_pairs_that_half_as_many_views_see_count_a_quarter() -> None:
-    graph, _ = in_a_row((0.8, 0.8), views=2)
-    counted = seen_often(graph.flat, graph.views) / graph.flat
+    graph, _ = in_a_row((40.0, 40.0), views=2)
+    counted = seen_often(graph.evidence, graph.views) / graph.evidence
     np.testing.assert_allclose(counted[graph.views == 2], 0.25, rtol=0.05)
     np.testing.assert_array_equal(counted[graph.views == 4], 1.0)
-    np.testing.assert_allclose(doubts_m(graph)[2], left_m(0.2, 2), rtol=0.1)
+    np.testing.assert_allclose(doubts_m(graph)[2], left_m(10.0, 2), rtol=0.1)
 
 
 def test_cloth_that_many_pairs_join_is_not_doubted() -> None:
-    graph, _ = in_a_row((0.9, 4.0))
+    graph, _ = in_a_row((30.0, 300.0))
     for off_m in doubts_m(graph):
         assert off_m.max() < RELIABLE_M
-    assert not weak_joints(graph.pairs, graph.flat, ALL)
+    assert not weak_joints(graph.pairs, graph.evidence, ALL)
 
 
 def test_a_joint_is_what_hangs_on_it_and_cloth_behind_a_weaker_one_has_no_other() -> None:
-    graph, _ = in_a_row((0.24, 0.06))
-    weaker, first = weak_joints(graph.pairs, graph.flat, ALL)
+    graph, _ = in_a_row((10.0, 4.0))
+    weaker, first = weak_joints(graph.pairs, graph.evidence, ALL)
     np.testing.assert_array_equal(np.unique(SHEET[weaker.part]), [2])
     np.testing.assert_array_equal(np.unique(SHEET[first.part]), [1, 2])
-    assert (round(weaker.evidence, 6), round(first.evidence, 6)) == (0.06, 0.24)
-    assert weaker.false == pytest.approx(float(false_share(np.array(0.06))))
-    graph, _ = in_a_row((0.06, 0.24))
-    (only,) = weak_joints(graph.pairs, graph.flat, ALL)
-    assert only.evidence == pytest.approx(0.06)
+    assert (round(weaker.evidence, 6), round(first.evidence, 6)) == (4.0, 10.0)
+    assert weaker.false == false_share(np.array(4.0))
+    graph, _ = in_a_row((4.0, 10.0))
+    (only,) = weak_joints(graph.pairs, graph.evidence, ALL)
+    assert only.evidence == pytest.approx(4.0)
 
 
 def test_pairs_that_do_not_hold_join_nothing() -> None:
-    graph, joins_last = in_a_row((0.6, 0.6))
+    graph, joins_last = in_a_row((30.0, 30.0))
     joins_last &= np.ptp(SHEET[graph.pairs], axis=1) > 0
     np.testing.assert_allclose(doubts_m(graph, ~joins_last)[2], left_m(0.0, 2), rtol=0.05)
 

@@ -425,7 +425,6 @@ def _edges_of(shape: Shape, piece: int = 0) -> Cloth:
         edges=shape.links.edges,
         length_m=shape.links.length_m,
         evidence=shape.evidence,
-        firm=shape.firm[shape.links.pair],
         view_index=np.array(shape.views, dtype=np.int32)[shape.links.observation],
         is_noisy=any(seen.is_noisy for seen in shape.observations),
     )

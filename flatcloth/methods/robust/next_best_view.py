@@ -22,7 +22,7 @@ from flatcloth.core.geometry import rotations_by, wrapped_deg
 from flatcloth.core.types import Bool, Float64, Int32, Int64, RotationAxis
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.answers import Candidate
-from flatcloth.shape.joints import weak_joints
+from flatcloth.shape.joints import seen_often, weak_joints
 from flatcloth.shape.observations import INCIDENCE_LIMIT_DEG, WELL_SEEN_DEG
 from flatcloth.shape.shape import TWO_ROWS_M, Shape
 
@@ -116,8 +116,9 @@ def _gaps(shape: Shape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], float]
     has_place = np.flatnonzero(shape.has_place)
     piece, xyz = shape.piece[has_place], shape.nodes.xyz_m[has_place]
     floating = np.flatnonzero(piece > 0)
+    evidence = seen_often(np.where(shape.holds, shape.graph.evidence, 0.0), shape.graph.views)
     is_noisy = any(seen.is_noisy for seen in shape.observations)
-    weak = weak_joints(shape.graph.pairs, shape.firm, shape.placed, None, shape.kept) if is_noisy else []
+    weak = weak_joints(shape.graph.pairs, evidence, shape.placed, None, shape.kept) if is_noisy else []
     number = np.cumsum(shape.has_place) - 1
     found = list[tuple[NDArray[np.intp], NDArray[np.intp], float]](
         (*number[joint.across].T, joint.false * int(np.count_nonzero(joint.part))) for joint in weak

@@ -179,7 +179,7 @@ class DoubtService:
             title=f"{1e4 * own.area_m2:.0f} cm2",
             said="kept" if joint.is_kept else "firm" if sure >= 1.0 else f"{100 * sure:.1f} % sure",
             note=f"Held by {_count(sum(held.pairs for held in views), 'pair')} of"
-            f" {_count(len(views), 'view')}, evidence {joint.evidence:.2g}."
+            f" {_count(len(views), 'view')}, evidence {joint.evidence:.1f}."
             + (" You kept it." if joint.is_kept else ""),
             area_cm2=1e4 * own.area_m2,
             probability=sure,

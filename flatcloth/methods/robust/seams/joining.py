@@ -294,7 +294,6 @@ def _own_graph(shape: Shape) -> Graph:
         variance_m2=graph.variance_m2[used],
         evidence=graph.evidence[used],
         views=graph.views[used],
-        flat=graph.flat[used],
     )
 
 
@@ -316,7 +315,7 @@ def _doubted(
     joints: Sequence[SideJoint],
 ) -> Float64:
     """Return the evidence of the pairs (P,) of both sides: of seams and of joints as probable as they are."""
-    evidence = seen_often(np.where(holds, graph.flat, 0.0), graph.views)
+    evidence = seen_often(np.where(holds, graph.evidence, 0.0), graph.views)
     first, second = graph.pairs.T
     n, m = nodes
     number = np.full(len(second), -1)
