@@ -33,7 +33,7 @@ from flatcloth.viewer.protocol.picture import make_picture
 RECORDING = "recordings/shirt-corner-d435"
 """It has floating pieces and layers over each other, so most parts of the method are needed."""
 _SHORT = {"float64": "f8", "float32": "f4", "int64": "i8", "int32": "i4", "int16": "i2", "uint8": "u1"}
-_SHORT |= {"bool": "b1", "int8": "i1", "complex128": "c16"}
+_SHORT |= {"bool": "b1", "int8": "i1", "complex128": "c16", "uint32": "u4"}
 
 
 def run(options: Options) -> None:
