@@ -68,13 +68,13 @@ def _longer_m(graph: Graph, std_m: Float64, random: np.random.Generator) -> Floa
     """
     phase = graph.xyz_m @ (random.standard_normal((3, _WAVES)) / REACH_M)
     waves = np.concatenate([np.cos(phase), np.sin(phase)], axis=1) / math.sqrt(_WAVES)
-    strain = (waves @ random.standard_normal((2 * _WAVES, 6 * DRAWS))).reshape(-1, 6, DRAWS)
-    first, second = graph.pairs.T
-    way = graph.xyz_m[second] - graph.xyz_m[first]
+    strain = (waves @ random.standard_normal((2 * _WAVES, 6 * DRAWS))).reshape(-1, DRAWS)
+    way = np.diff(graph.xyz_m[graph.pairs], axis=1)[:, 0]
     x, y, z = (way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)).T
-    shear = math.sqrt(2.0)
-    share = np.stack([x * x, y * y, z * z, shear * x * y, shear * x * z, shear * y * z], axis=1)
-    longer_m: Float64 = np.einsum("pc,pck->pk", 0.5 * std_m[:, None] * share, strain[first] + strain[second])
+    share = np.stack([x * x, y * y, z * z, *(math.sqrt(2.0) * np.stack([x * y, x * z, y * z]))], axis=1)
+    half, count = 0.5 * std_m[:, None] * share, len(way)
+    at_ends = np.tile(half, 2).ravel(), (6 * graph.pairs[:, :, None] + np.arange(6)).ravel()
+    longer_m: Float64 = csr_array((*at_ends, 12 * np.arange(count + 1)), shape=(count, len(strain))) @ strain
     return longer_m
 
 
