@@ -186,4 +186,4 @@ def _cannot_tell(recording: Recording, seen: Sequence[ViewFeatures], held_point_
             f"{note} The views agree only for the other direction of rotation: open the recording with "
             "the signs of its angles reversed."
         )
-    return f"{note} The views agree with no axis: check the angles, and set the axis by hand."
+    return f"{note} The views agree with no axis: check the angles, or give rotation_axis in recording.json."

@@ -201,7 +201,7 @@ def test_views_that_do_not_tell_the_axis_leave_the_vertical(
     angles: tuple[float, ...], truly: tuple[float, ...] | None
 ) -> None:
     found = hanging(Spheres(axis(), angles, truly))
-    assert "set the axis by hand" in found.notes[0]
+    assert "give rotation_axis in recording.json" in found.notes[0]
     np.testing.assert_array_equal(found.axis.direction, [0.0, -1.0, 0.0])
 
 
