@@ -32,8 +32,7 @@ from flatcloth.shape.joints import false_share
 NONE = "none of these"
 MISFIT, MISFIT_STD = 0.135, 0.016
 """Misfit (:func:`misfit_of`) at which a garment is as likely an unknown one, and the width of the transition.
-The first is of the first run of ``python -m benchmarks garments``, whose limits are lower now
-(docs/tried.md); no benchmark measures the width."""
+The first was measured (docs/tried.md), the width was set by hand."""
 HOLE_M = 0.03
 """Length of true edges round holes that makes an unknown garment e times as likely: no kind has an opening
 inside its outline. Chosen; in no recording of the development is an inner border a true edge all round

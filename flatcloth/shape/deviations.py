@@ -63,23 +63,23 @@ def deviations_m(
 
 
 def _longer_m(graph: Graph, std_m: Float64, random: np.random.Generator) -> Float64:
-    """Draw by how much pairs are longer than measured (P, draws): by a smooth random strain of space, of
-    which pairs at an angle share the squared cosine.
+    """Draw the errors (P, draws) by which pairs are longer than measured: a smooth random strain of space
+    (xx, yy, zz, xy, xz, yz) stretches each by its deviation ``std_m`` (P,), the mean of that at both ends.
     """
     phase = graph.xyz_m @ (random.standard_normal((3, _WAVES)) / REACH_M)
     waves = np.concatenate([np.cos(phase), np.sin(phase)], axis=1) / math.sqrt(_WAVES)
     strain = (waves @ random.standard_normal((2 * _WAVES, 6 * DRAWS))).reshape(-1, DRAWS)
     way = np.diff(graph.xyz_m[graph.pairs], axis=1)[:, 0]
     x, y, z = (way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)).T
-    share = np.stack([x * x, y * y, z * z, *(math.sqrt(2.0) * np.stack([x * y, x * z, y * z]))], axis=1)
-    half, count = 0.5 * std_m[:, None] * share, len(way)
-    at_ends = np.tile(half, 2).ravel(), (6 * graph.pairs[:, :, None] + np.arange(6)).ravel()
-    longer_m: Float64 = csr_array((*at_ends, 12 * np.arange(count + 1)), shape=(count, len(strain))) @ strain
+    along = np.stack([x * x, y * y, z * z, *(math.sqrt(2.0) * np.stack([x * y, x * z, y * z]))], axis=1)
+    stretch, row = np.tile(0.5 * std_m[:, None] * along, 2).ravel(), 12 * np.arange(len(way) + 1)
+    column = (6 * graph.pairs[:, :, None] + np.arange(6)).ravel()
+    longer_m: Float64 = csr_array((stretch, column, row), shape=(len(way), len(strain))) @ strain
     return longer_m
 
 
 def _pulled_by_errors(at: Minimum) -> csr_array:
-    """Return how pairs that are longer than measured pull at the unknowns (3 N, P)."""
+    """Return the matrix (3 N, P) from errors of pairs to their pulls at u, v and the angle of each node."""
     low, high, count = at.pairs.order.low, at.pairs.order.high, len(at.weight)
     along = at.way / np.maximum(np.abs(at.way), 1e-9)
     ends, turns = (1.0 + 2.0 * LAMBDA) * at.weight * along, [np.conj(way) * along for way in at.ways]

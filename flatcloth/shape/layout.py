@@ -288,7 +288,7 @@ def _pulled(
 
 @njit(cache=True, nogil=True)
 def _solved_together(factor: Float64, right: Float64) -> Float64:
-    """Solve by the transpose of a factor; LAPACK would read it again for each right-hand side (N, K)."""
+    """Return the solutions (N, K) by a transposed factor, which LAPACK reads again for each of them."""
     found, (n, width), many = right.copy(), factor.shape, right.shape[1]
     for j in range(n):
         found[j] /= factor[j, 0]
