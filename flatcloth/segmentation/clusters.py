@@ -95,7 +95,7 @@ class _Limits(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _gathered(points: Float32, normals: Float32, order: Uint32, limits: _Limits) -> tuple[Int32, int]:
-    """Return the cluster (N,) of each point, and their number; in order, what none covers begins one."""
+    """Return the cluster (N,) of each point, and their number; a point that none covers begins one."""
     head, following = np.full(_BUCKETS, -1, np.int32), np.empty(len(points), np.int32)
     begun, of_pixel, count = np.empty((len(points), 6), np.float32), np.empty(len(points), np.int32), 0
     for i in order:
