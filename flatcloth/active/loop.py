@@ -220,7 +220,7 @@ class ActiveLoop:
             if session is None or integration is None or self.document.start_view is None:
                 return []
             both = self._learnt.both
-            garments = GarmentService(integration) if both is None else both.with_doubted_links()
+            garments = both or GarmentService(integration)
             self._learnt = replace(self._learnt, known=place_sure_pieces(garments, session))
             frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
             if both is None and integration.algorithm.joins_sides:  # this side alone told the garment
@@ -266,7 +266,7 @@ class ActiveLoop:
                 if number not in self.document.used_views | {r.view_index for r in self.document.rejected}:
                     self._integrated(number)
             self._look_at_shape()
-            self._learn(doubts_links=True)
+            self._learn()
             self._ask(self._decided())
 
     def _begin(self, writer: RecordingWriter) -> None:
@@ -284,7 +284,7 @@ class ActiveLoop:
         self._stack.callback(session.close)
         integration.views.keep_frames()
         self.integration, self.session = integration, session
-        self._run, self.garments = Run(integration, session), GarmentService(integration, doubts_links=False)
+        self._run, self.garments = Run(integration, session), GarmentService(integration)
         self._angles = AngleFinder(integration.views)
 
     # ---------------------------------------------------------------- a view
@@ -373,7 +373,7 @@ class ActiveLoop:
             "expected_m2": finite(expected_m2),
         }
         decided = self._decided()
-        if isinstance(decided, End):  # then it must be sure
+        if isinstance(decided, End):  # unless this view tells more
             self._learn_from(before, line, ends=True)
         else:
             self._ask(decided)
@@ -381,7 +381,7 @@ class ActiveLoop:
 
     def _learn_from(self, before: Knowledge, line: dict[str, Any], *, ends: bool = False) -> None:
         """Learn from a view, and log its ``line``; a loop that is not over ends if enough is known."""
-        self._learn(doubts_links=ends)
+        self._learn()
         with self.lock:
             self._log.add(
                 "view",
@@ -393,11 +393,7 @@ class ActiveLoop:
                 elapsed_s=round(self.elapsed_s, 2),
             )
             decided = self._decided()
-        if isinstance(decided, End) and not ends and self._learnt.both is not None:  # then it must be sure
-            self._learn(doubts_links=True)
-            decided = self._decided()
-        if ends or isinstance(decided, End):
-            with self.lock:
+            if ends or isinstance(decided, End):
                 self._ask(decided)
 
     def _integrated(self, number: int) -> str:
@@ -418,10 +414,10 @@ class ActiveLoop:
             except FlatclothError:  # other masks or another axis left the start view no cloth
                 self._run.begin_again()
 
-    def _learn(self, *, doubts_links: bool) -> None:
+    def _learn(self) -> None:
         """Learn what is known of the present shape, by both sides if this one is not enough.
 
-        ``doubts_links`` of the other side. Where fewer views told another kind, the kind is less sure.
+        Where fewer views told another kind, the kind is less sure.
         """
         document, views, goal, last = self.document, self.views, self.goal, self._learnt
         if self.garments is None or document.start_view is None:
@@ -432,7 +428,7 @@ class ActiveLoop:
         known = known_with_pieces(self.garments, document)
         knowledge = knowledge_of(area_m2, known).sobered(before)
         if goal.about != "shape" and not knowledge.is_reached(goal) and len(document.used_views) > 1:
-            both, by_both = known_by_both(integration, document, doubts_links=doubts_links)
+            both, by_both = known_by_both(integration, document)
             if isinstance(by_both, KnownGarment):
                 known, knowledge = by_both, knowledge_of(area_m2, by_both).sobered(before)
             other = of_other_side(both, document, known, knowledge, goal)

@@ -36,7 +36,6 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import evidence_of as evidence_of_sides
 from flatcloth.engine.sheet import with_placed_pieces
 from flatcloth.engine.trust import scale_std_of
-from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.surface import crop_to_item
 from flatcloth.garments.deciding import (
     DecidedPieces,
@@ -49,16 +48,12 @@ from flatcloth.garments.deciding import (
     with_placed_cloth,
 )
 from flatcloth.garments.evidence import PieceEvidence, evidence_of
-from flatcloth.garments.kinds import known_kinds
-from flatcloth.garments.links import DoubtedLink, doubted_links, is_offered, is_wrong
 from flatcloth.garments.named_points import KNOWN_STD_M, Point, pixel_near
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import (
     NONE,
     Recognition,
-    best_fits,
     is_sure,
-    is_suspect,
     recognise,
     temperature_of,
 )
@@ -80,7 +75,7 @@ from flatcloth.session.store import Keeper
 _SEAM_PLACES = 40
 """Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
 _MOST_ROUNDS = 3
-"""Most parts that an unattended run removes. Chosen: each takes some seconds."""
+"""Times that parts are taken off by seams, and both sides joined again. Chosen: each takes some seconds."""
 
 
 def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
@@ -126,10 +121,9 @@ class KnownGarment:
     """The recognised garment of a document's shape.
 
     ``by_evidence`` is the result without the operator's decisions, ``found`` the result with them; ``pieces``
-    are the decisions about the floating pieces of ``canonical``. ``links`` are the undecided links of
-    ``cloth`` that no garment allows, the least probable first. ``is_wrong``: the recording is. ``doubt`` is
-    the probability that the shape is not of its kind, 0 if the kind is no reason for doubt.
-    ``sides`` are the joined sides whose edges are in the evidence, None if those of this side are alone.
+    are the decisions about the floating pieces of ``canonical``. ``is_wrong``: the recording is. ``doubt`` is
+    the probability that the shape is not of its kind, 0 if the kind is no reason for doubt. ``sides`` are the
+    joined sides whose edges are in the evidence, None if those of this side are alone.
     """
 
     canonical: Canonical
@@ -137,8 +131,6 @@ class KnownGarment:
     by_evidence: Recognition
     found: Recognition
     pieces: DecidedPieces
-    cloth: Cloth | None = None
-    links: tuple[DoubtedLink, ...] = ()
     is_wrong: bool = False
     doubt: float = 0.0
     sides: JoinedSides | None = None
@@ -172,25 +164,12 @@ class GarmentService:
     ----------
     integration : Integration
         Of this side. Frames are read through it, and the other side has its axis and settings.
-    doubts_links : bool
-        Whether links of this side that no garment allows are looked for, which takes seconds.
-    doubts_other_links : bool
-        Whether parts of the other side whose link no garment allows are taken off before it is joined.
-        Its garment is recognised for that, which takes about as long as to integrate it.
     keeps_views : bool
         Whether the frames and flattened views of the other side are kept: a look ahead needs them soon.
     """
 
-    def __init__(
-        self,
-        integration: Integration,
-        *,
-        doubts_links: bool = True,
-        doubts_other_links: bool = True,
-        keeps_views: bool = False,
-    ) -> None:
+    def __init__(self, integration: Integration, *, keeps_views: bool = False) -> None:
         self.integration = integration
-        self._doubts_links, self._doubts_other_links = doubts_links, doubts_other_links
         self._keeps_views = keeps_views
         self._lock, self._joining = threading.Lock(), threading.Lock()
         self._shape: KnownGarment | None = None
@@ -198,11 +177,6 @@ class GarmentService:
         self._others: Cache[tuple[Integration, Document]] = Cache(1)
         self._alone: Cache[OneSide] = Cache(1)  # the other side, not joined
         self._joined: Cache[JoinedSides] = Cache(2)
-
-    def with_doubted_links(self) -> GarmentService:
-        """Return this service, which looks for doubted links of this side from now on."""
-        self._doubts_links, self._shape, self._last = True, None, None
-        return self
 
     # ---------------------------------------------------------------- the garment
 
@@ -295,37 +269,21 @@ class GarmentService:
         """Return the garment recognised without any decision."""
         evidence, other = self.evidence(document), self.other(document)
         found = self.compared(canonical, evidence, document)
-        cloth, links = None, []
-        if self._doubts_links and is_suspect(found.fit, evidence[0]) and not self.integration.wrong(document):
-            cloth = self.integration.cloth(document)
-        if cloth is not None:
-            alone = evidence[0].sheets[0]
-            links = doubted_links(best_fits(alone, known_kinds()), alone, cloth)
         return KnownGarment(
             canonical=canonical,
             evidence=evidence,
             by_evidence=found,
             found=found,
             pieces=DecidedPieces(shape_from_piece={}, refused=frozenset()),
-            cloth=cloth,
-            links=tuple(link for link in links if is_offered(link)),
             sides=None if other is None else other[0],
         )
 
     def _decided(self, shape: KnownGarment, decisions: GarmentDecisions) -> KnownGarment:
-        canonical, evidence, cloth = shape.canonical, shape.evidence, shape.cloth
+        canonical, evidence = shape.canonical, shape.evidence
         pulls = pulls_of(decisions, canonical.view)
         pieces = decided_pieces(decisions, canonical.view, canonical.floating)
         found = decided(shape.by_evidence, evidence, canonical.view, decisions.kind, pulls)
-        links = [
-            each for each in shape.links if cloth is None or not is_decided(cloth, each.part, decisions.parts)
-        ]
-        return replace(
-            shape,
-            found=with_placed_cloth(found, pieces, canonical.floating),
-            pieces=pieces,
-            links=tuple(links),
-        )
+        return replace(shape, found=with_placed_cloth(found, pieces, canonical.floating), pieces=pieces)
 
     # ---------------------------------------------------------------- the other side
 
@@ -414,8 +372,7 @@ class GarmentService:
     ) -> tuple[Integration, Document]:
         """Integrate the other side alone: all views that show it, each where its cloth is in space.
 
-        No placement is searched. Cloth that no view joins to the rest floats, to be joined by seams; what is
-        joined by a link that no garment allows floats, too.
+        No placement is searched. Cloth that no view joins to the rest floats, to be joined by seams.
         """
         this = self.integration
         this.views.release(document.used_views)
@@ -435,8 +392,6 @@ class GarmentService:
         Run(other, session).finish(
             lambda share, text: progress(share, f"other side: {text}"), keeps_frames=this.views.keeps_frames
         )
-        if self._doubts_other_links:
-            place_sure_pieces(GarmentService(other), session)
         found = session.state.document
         other.trust.recognised(found, None)  # both sides together decide whether it is a garment
         return other, found
@@ -561,30 +516,11 @@ def _cleared(mask: Bool, frame: RgbdFrame, noisy: bool) -> Bool:
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
     """Place the floating pieces with a reliable place on the garment, as decisions of the session.
 
-    First, parts of this side that seams show to be joined falsely are removed. Then parts whose link is
-    certainly wrong are removed, and parts joined by other doubted links become uncertain. Earlier decisions
-    are kept. On a shape of a wrong recording nothing is reliable.
+    First, parts of this side that seams show to be joined falsely are removed. Earlier decisions are kept.
+    On a shape of a wrong recording nothing is reliable.
     """
     _decide_joints(service, session)
-    known = service.known(session.state.document)
-    if not isinstance(known, str) and known.is_wrong:
-        return known
-    for _ in range(_MOST_ROUNDS):
-        if isinstance(known, str) or not known.links or not is_wrong(known.links[0]):
-            break
-        assert known.cloth is not None, "links are doubted on known cloth"
-        link = known.links[0]
-        session.record(decided_part(known.cloth, link.part, link.probability, taken_off=True))
-        known = service.known(session.state.document)
-    if isinstance(known, str):
-        return known
-    before = session.state.document.garment.parts
-    for link in known.links:
-        cloth = known.cloth
-        if cloth is not None and link.std_m and not is_decided(cloth, link.part, before):
-            decision = decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m)
-            session.record(decision)
-    return _with_sure_pieces(known, service, session)
+    return _with_sure_pieces(service, session)
 
 
 def decided_seam(xyz_m: Float64, *, kept: bool) -> DecidedSeam:
@@ -619,13 +555,13 @@ def _decide_joints(service: GarmentService, session: Keeper) -> None:
 
 def known_with_pieces(service: GarmentService, document: Document) -> KnownGarment | str:
     """Return the garment of a document's shape with the pieces with a reliable place placed."""
-    known = service.known(document)
+    return _with_sure_pieces(service, MemorySession(SessionState(0, document=document)))
+
+
+def _with_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
+    known = service.known(session.state.document)
     if isinstance(known, str) or known.is_wrong:
         return known
-    return _with_sure_pieces(known, service, MemorySession(SessionState(0, document=document)))
-
-
-def _with_sure_pieces(known: KnownGarment, service: GarmentService, session: Keeper) -> KnownGarment | str:
     decided, unsure = known.pieces, frozenset() if known.sides is None else known.sides.unsure
     for piece in known.found.pieces if known.found.kind != NONE else ():
         if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused, *unsure}:
@@ -646,15 +582,12 @@ def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> Pl
 
 
 def known_by_both(
-    integration: Integration, document: Document, *, doubts_links: bool
+    integration: Integration, document: Document
 ) -> tuple[GarmentService, KnownGarment | str | None]:
     """Return the garment by both sides, integrated again, as :func:`known_with_pieces` does.
 
-    ``doubts_links`` of the other side; the views are kept. The garment is None if nothing relates the sides:
-    then it is known by this one.
+    The views are kept. The garment is None if nothing relates the sides: then it is known by this one.
     """
-    service = GarmentService(
-        integration, doubts_links=False, doubts_other_links=doubts_links, keeps_views=True
-    )
+    service = GarmentService(integration, keeps_views=True)
     service.joined(document)
     return service, None if service.other(document) is None else known_with_pieces(service, document)

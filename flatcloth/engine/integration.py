@@ -200,12 +200,12 @@ class Integration:
         return self._by_garment(document).taken_off if document.garment.parts else None
 
     def parts(self, document: Document) -> DecidedParts:
-        """Return the parts that were taken off, or are kept, though a garment or seams doubt their links."""
+        """Return the parts that were taken off, or are kept, though seams doubt their links."""
         pieces = self.algorithm.cloth_of_pieces(document) if document.garment.parts else ()
         return decided_parts(pieces, document.garment.parts)
 
     def _by_garment(self, document: Document) -> _ByGarment:
-        """Return a shape and its cloth after the decisions about links that no garment allows (cached).
+        """Return a shape and its cloth after the decisions about parts of it (cached).
 
         Removed parts float; parts joined by a doubted link are as uncertain as the link.
         """

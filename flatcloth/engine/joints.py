@@ -14,9 +14,9 @@ from flatcloth.core.types import MIRROR, Bool, Float64, Int64, Rigid2
 from flatcloth.engine.garment import KnownGarment
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import is_same_part, last_decisions
-from flatcloth.garments.evidence import LEAST_AREA_M2
+from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
 from flatcloth.garments.fit import APART_M
-from flatcloth.garments.links import DoubtedLink, place_elsewhere, split
+from flatcloth.garments.placing import place_elsewhere
 from flatcloth.session.garment import DoubtedPart
 from flatcloth.shape.graph import pairs_once
 from flatcloth.shape.joints import seen_often, weak_joints
@@ -76,22 +76,19 @@ class Joint:
         return middle
 
 
-def joints_of(
-    cloth: Cloth, doubted: Sequence[DoubtedLink] = (), decisions: Sequence[DoubtedPart] = ()
-) -> list[Joint]:
+def joints_of(cloth: Cloth, decisions: Sequence[DoubtedPart] = ()) -> list[Joint]:
     """Return the weak joints of a shape, the one with the most doubtful cloth first.
 
-    ``cloth`` says how the shape hangs together, ``doubted`` are links that no garment allows, ``decisions``
-    are about parts. A part that a garment or a seam contradicts has the probability that these leave it; one
-    that the operator keeps is right. Without noise, no part is joined falsely.
+    ``cloth`` says how the shape hangs together, ``decisions`` are about parts. A part that a seam contradicts
+    has the probability that this leaves it; one that the operator keeps is right. Without noise, no part is
+    joined falsely.
     """
     joined = np.flatnonzero(cloth.joined)
     pairs, pair = pairs_once(cloth.edges[joined])
     counted = seen_often(np.bincount(pair, cloth.evidence[joined]).astype(np.float64), np.bincount(pair))
     length_m = np.bincount(pair, cloth.length_m[joined]) / np.bincount(pair)
-    parts = [(link.part, link.probability) for link in doubted]
     last = last_decisions(cloth, decisions)
-    parts += [(part, decided.probability) for decided, part in last if decided.std_m]
+    parts = [(part, decided.probability) for decided, part in last if decided.std_m]
     for joint in weak_joints(pairs, counted, cloth.placed):
         if not any(is_same_part(joint.part, part) for part, _ in parts):
             parts.append((joint.part, 1.0 - joint.false * cloth.is_noisy))
@@ -143,12 +140,19 @@ def _places(joint: Joint, cloth: Cloth, known: KnownGarment) -> Iterator[Place]:
                 if np.linalg.norm(motion.apply(own_uv_m) - own_uv_m, axis=1).mean() > APART_M:
                     yield Place("seams", motion, min(left, seam.probability))
                     left -= min(left, seam.probability)
-    place = next((link.place for link in known.links if link.part is joint.part), None)
-    if place is None:
-        part, rest = split(known.evidence[0].sheets[0], cloth, joint.part)
-        place = place_elsewhere([known.found.fit], rest, part)
+    part, rest = _split(known.evidence[0].sheets[0], cloth, joint.part)
+    place = place_elsewhere(known.found.fit, rest, part)
     if place is not None:
-        yield Place("garment", place.shape_from_part, left * place.probability)
+        motion, probability = place
+        yield Place("garment", motion, left * probability)
+
+
+def _split(main: PieceEvidence, cloth: Cloth, part: Bool) -> tuple[PieceEvidence, PieceEvidence]:
+    """Return the evidence of a part (N,) of the samples, and that of the rest."""
+    edges, insides = cloth.at(main.edge_uv_m, part), cloth.at(main.inside_uv_m, part)
+    pixels = np.argwhere(main.depth_m > 0)
+    there = cloth.at(main.depth_origin_uv_m + main.depth_pixel_m * pixels[:, ::-1], part)
+    return main.part(edges, insides, pixels[there]), main.part(~edges, ~insides, pixels[~there])
 
 
 class Alternative(NamedTuple):

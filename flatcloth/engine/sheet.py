@@ -37,7 +37,7 @@ _NEAR_M = 1.0
 
 FLOATS = "Nothing seen connects it to the shape."
 PLACED = "Placed by the garment or by seams with the other side: no view connects it."
-TAKEN_OFF = "Taken off the shape: no garment or seam allows it where it was joined."
+TAKEN_OFF = "Taken off the shape: no seam allows it where it was joined."
 BY_HAND = "Cut off the shape by hand."
 PLACED_BY_HAND = "Placed by hand: no view connects it."
 LOOSE = "A narrow neck or weak overlaps connect it to the shape: its place is not reliable."

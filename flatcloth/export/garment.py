@@ -192,11 +192,7 @@ def outcome_entry(known: KnownGarment | str) -> dict[str, Any]:
         "by_hand": found.by_hand is not None,
         "probability": round(found.probabilities[found.kind], 4),
         "placed_by_the_garment": [floating_file(n + 1) for n in sorted(placed - hand)],
-        "taken_off_by_the_garment": [floating_file(n + 1) for n in sorted(known.canonical.taken_off - hand)],
-        "doubted_links": [
-            {"part_cm2": round(1e4 * link.area_m2, 1), "probability": round(link.probability, 4)}
-            for link in known.links
-        ],
+        "taken_off_by_seams": [floating_file(n + 1) for n in sorted(known.canonical.taken_off - hand)],
     }
 
 
@@ -211,7 +207,7 @@ def lines_of(known: KnownGarment | str) -> list[str]:
         return [
             f"Garment: none of the known kinds ({found.probabilities[NONE]:.0%}); the likeliest kind is "
             f"{likeliest} ({share:.0%}).",
-            *_doubts(known),
+            *_taken_off(known),
         ]
     seen = sum(point.pixel is not None for point in found.points.values())
     sizes = ", ".join(
@@ -224,7 +220,7 @@ def lines_of(known: KnownGarment | str) -> list[str]:
         f"{seen} of {len(found.points)} named points seen.",
         *([doubt] if known.doubt else []),
         f"Dimensions in mm: {sizes}.",
-        *_doubts(known),
+        *_taken_off(known),
     ]
     placed = sorted(known.pieces.shape_from_piece.keys() - known.pieces.by_hand)
     if placed:
@@ -232,13 +228,6 @@ def lines_of(known: KnownGarment | str) -> list[str]:
     return lines
 
 
-def _doubts(known: KnownGarment) -> list[str]:
+def _taken_off(known: KnownGarment) -> list[str]:
     off = ", ".join(str(n + 1) for n in sorted(known.canonical.taken_off - known.pieces.by_hand))
-    taken = (
-        [f"Floating pieces taken off the shape, where no garment or seam allows them: {off}."] if off else []
-    )
-    return taken + [
-        f"A part of {1e4 * link.area_m2:.0f} cm2 is joined where no garment allows it (probability of the "
-        f"link {link.probability:.0%}); decide about it on the page."
-        for link in known.links
-    ]
+    return [f"Floating pieces taken off the shape, where no seam allows them: {off}."] if off else []

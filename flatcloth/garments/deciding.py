@@ -13,11 +13,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2, refit_rigid2
+from flatcloth.core.graphs import cut_between
 from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, LaidPiece, Rigid2
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import APART_M, HELD_STD_M, Pull, surest
-from flatcloth.garments.links import side_of
 from flatcloth.garments.named_points import KNOWN_STD_M, POINT_NEAR_M, dimensions_of, pixel_near, points_of
 from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import NONE, Recognition, held_fit
@@ -253,7 +253,10 @@ def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
     own, others = np.setdiff1d(ends[0], ends[1]), np.setdiff1d(ends[1], ends[0])
     if not (own.size and others.size):
         return None
-    return side_of(cloth, own, others)
+    joined = cloth.joined  # the cut with the least evidence between both
+    return (
+        cut_between(len(cloth.uv_m), cloth.edges[joined], cloth.evidence[joined], own, others) & cloth.placed
+    )
 
 
 def is_decided(cloth: Cloth, part: Bool, decisions: Sequence[DoubtedPart]) -> bool:

@@ -93,6 +93,29 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
     )
 
 
+def place_elsewhere(fit: Fit, rest: PieceEvidence, own: PieceEvidence) -> tuple[Rigid2, float] | None:
+    """Return where else than joined a part belongs by a garment, and how probably; None: nowhere.
+
+    The place is the motion ``shape_from_part``, its probability that against other places elsewhere; the
+    garment is fitted again to the ``rest`` of the shape, from all optima of ``fit``.
+    """
+    alone = max(
+        (
+            refine(f.kind, (rest,), f.parameters, f.garment_from_piece[:1])
+            for f in (fit, *(other for _, other in fit.others))
+        ),
+        key=lambda f: f.log_evidence,
+    )
+    placed = place_piece(alone, rest, own, 0)
+    if placed is None:
+        return None
+    begun = placed.fit
+    both = refine(begun.kind, (rest, own), begun.parameters, begun.garment_from_piece, annealed=(1.0,))
+    motion = both.garment_from_piece[0].inverse() @ both.garment_from_piece[1]
+    # Flattened sleeves and legs are turned by some degrees, which moves them 2 to 5 cm.
+    return (motion, placed.probability) if are_apart(motion, Rigid2(), own) else None
+
+
 def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
     """Return the best poses far from one another. A contradiction only adds to the cost: few are rated."""
     own = piece.measurements

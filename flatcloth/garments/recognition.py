@@ -233,11 +233,6 @@ def _lacks(piece: PieceEvidence) -> str:
     return ""
 
 
-def best_fits(main: PieceEvidence, kinds: Sequence[Kind]) -> list[Fit]:
-    """Return the best fit of each kind to one piece, however likely it is, the most probable first."""
-    return _most_probable_first(fits_of(main, [kind])[0] for kind in kinds)
-
-
 def fits_of(main: PieceEvidence, kinds: Sequence[Kind] = (), before: Sequence[Fit] = ()) -> list[Fit]:
     """Return the fit of every kind, or of these, to one piece, the most probable first.
 
@@ -300,8 +295,3 @@ def probabilities_by(
 def misfit_of(fit: Fit, main: PieceEvidence) -> float:
     """Return the energy of a fit per true edge that can be trusted."""
     return fit.energy / max(float(main.edge_trust.sum()), 1.0)
-
-
-def is_suspect(fit: Fit, main: PieceEvidence) -> bool:
-    """Return whether a shape may be no garment as it is, so that its links are looked into."""
-    return misfit_of(fit, main) > MISFIT / 3.0

@@ -187,7 +187,7 @@ class Canonical:
     ``view`` is its raster; ``current_from_view`` maps each accepted view's index to the motion from
     that view's own plane to this plane (in the paper's method, the plane of the view added last).
     ``floating`` are pieces of cloth that no view connects to it, each in a plane of its own; those of the
-    indices ``taken_off`` were parts of it, whose link no garment allows.
+    indices ``taken_off`` were parts of it, whose link seams contradict.
     """
 
     view: FlattenedView

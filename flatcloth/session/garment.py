@@ -68,7 +68,7 @@ class PlacedPiece:
 
 @dataclass(frozen=True)
 class DoubtedPart:
-    """A part of a piece that is removed ``by_hand``, or because no garment or seam allows its link; or kept.
+    """A part of a piece that is removed ``by_hand``, or because no seam allows its link; or kept.
 
     ``part`` are points of its cloth and ``rest`` of the other cloth of the shape, with their places.
     ``probability`` is that of the link when it was decided. If nobody decided, but a run without an operator
@@ -175,7 +175,7 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
             verb = "place a piece by the garment" if command.accepted else "refuse a place by the garment"
             return verb, replace(decisions, pieces=(*decisions.pieces, command))
         case DoubtedPart(place=place):
-            verb = "cut a part off" if command.by_hand else "take a part off by the garment"
+            verb = "cut a part off" if command.by_hand else "take a part off by seams"
             verb = verb if command.taken_off else "keep a part on the shape"
             verb = "place a part by hand" if place else "doubt the link of a part" if command.std_m else verb
             parts = (*decisions.parts, replace(command, place=None))

@@ -14,7 +14,6 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
 from flatcloth.garments.deciding import decided_part
-from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.session.document import Side
 from flatcloth.session.machine import (
     Accept,
@@ -145,12 +144,8 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     state = one_accepted(made)
     whole, cloth = made.canonical(state.document).view, made.cloth(state.document)
     middle = np.nanpercentile(cloth.uv_m[:, 1], 70)
-    elsewhere = GarmentPlace(Rigid2(0.0, 0.5, 0.0), 0.5, 1.0, 0.0)
-    link = DoubtedLink(part=cloth.uv_m[:, 1] > middle, probability=0.84, area_m2=0.01, place=elsewhere)
-    assert link.std_m == pytest.approx(0.4 * 0.5)
-    doubted = apply(
-        state, decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m)
-    )
+    part = cloth.uv_m[:, 1] > middle
+    doubted = apply(state, decided_part(cloth, part, 0.84, taken_off=False, std_m=0.2))
     view = made.canonical(doubted.document).view
     np.testing.assert_array_equal(view.valid, whole.valid)
     below = whole.uv_from_rc(np.argwhere(view.valid))[:, 1] > middle + 0.02
@@ -158,7 +153,7 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     before, std = whole.placement_std_m[view.valid], view.placement_std_m[view.valid]
     np.testing.assert_allclose(std[below], np.hypot(before[below], 0.2), rtol=1e-5)
     np.testing.assert_array_equal(std[above], before[above])
-    kept = apply(doubted, decided_part(cloth, link.part, link.probability, taken_off=False))
+    kept = apply(doubted, decided_part(cloth, part, 0.84, taken_off=False))
     same = made.canonical(kept.document).view.placement_std_m
     np.testing.assert_array_equal(same[view.valid], before)
 

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from garment_evidence import blank_view
+from garment_evidence import blank_view, evidence_from
 from route_client import RouteClient
 from scenes import AXIS, CAMERA
 from scipy.spatial import cKDTree
@@ -19,7 +19,6 @@ from flatcloth.engine.joints import Alternative, alternatives, joints_of, with_p
 from flatcloth.engine.outcome import lines_of
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part
-from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.methods.answers import Seam
 from flatcloth.session.document import Document
 from flatcloth.session.garment import DoubtedPart
@@ -74,30 +73,31 @@ def test_a_joint_is_as_probable_as_its_evidence_says_and_certain_without_noise(c
     assert alternatives([certain]) == [Alternative(1.0)]
 
 
-def test_a_part_has_the_probability_that_a_garment_or_a_seam_leaves_it_until_it_is_kept(cloth) -> None:
+def test_a_part_has_the_probability_that_a_seam_leaves_it_until_it_is_kept(cloth) -> None:
     (found,) = joints_of(cloth)
-    doubted = DoubtedLink(part=found.part, probability=0.1, area_m2=0.03)
+    doubted = decided_part(cloth, found.part, 0.1, taken_off=False, std_m=0.1)
     (joint,) = joints_of(cloth, [doubted])
     assert (joint.probability, joint.is_kept) == (0.1, False)
-    (joint,) = joints_of(cloth, [], [decided_part(cloth, found.part, 0.7, taken_off=False, std_m=0.1)])
-    assert (joint.probability, joint.is_kept) == (0.7, False)
-    (joint,) = joints_of(cloth, [doubted], [decided_part(cloth, found.part, 1.0, taken_off=False)])
+    (joint,) = joints_of(cloth, [doubted, decided_part(cloth, found.part, 1.0, taken_off=False)])
     assert (joint.probability, joint.is_kept) == (1.0, True)
 
 
-def test_a_part_in_doubt_has_the_places_that_garment_and_seams_know_for_it(cloth) -> None:
+def test_a_part_in_doubt_has_the_places_that_garment_and_seams_know_for_it(cloth, monkeypatch) -> None:
     (found,) = joints_of(cloth)
     there, along = Rigid2(0.3, 0.1, 0.0), Rigid2(0.0, 0.0, 0.2)
-    place = GarmentPlace(there, 0.2, 0.4, 0.0)
-    link = DoubtedLink(part=found.part, probability=0.1, area_m2=0.03, place=place)
-    (doubted,) = joints_of(cloth, [link])
+    monkeypatch.setattr("flatcloth.engine.joints.place_elsewhere", lambda *_: (there, 0.4))
+    (doubted,) = joints_of(cloth, [decided_part(cloth, found.part, 0.1, taken_off=False, std_m=0.1)])
     rim = cloth.uv_m[doubted.part][:20]
     seam = Seam(
         this_piece=0, other_piece=0, this_uv_m=rim, other_uv_m=along.apply(rim) * MIRROR,
         xyz_m=np.zeros((20, 3)), views=np.zeros((20, 2), dtype=np.int16), residual_m=np.zeros(20),
         why="it contradicts a surer one", probability=0.3,
     )  # fmt: skip
-    known: Any = SimpleNamespace(links=[link], sides=SimpleNamespace(seams=[seam]))
+    known: Any = SimpleNamespace(
+        evidence=[evidence_from(np.array([(0.0, 0.0), (0.35, 0.0), (0.35, 0.23), (0.0, 0.23)]))],
+        found=SimpleNamespace(fit=None),
+        sides=SimpleNamespace(seams=[seam]),
+    )
     (joint,) = with_places([doubted], cloth, known)
     by_seams, by_garment = joint.places
     assert (by_seams.by, by_garment.by) == ("seams", "garment")

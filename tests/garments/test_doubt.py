@@ -8,14 +8,14 @@ from garment_evidence import at_mean, blank_view, evidence_from
 from flatcloth.core.types import Rigid2
 from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.named_points import POINT_NEAR_M, points_of
-from flatcloth.garments.recognition import best_fits
+from flatcloth.garments.recognition import fits_of
 
 VIEW = blank_view(np.ones((10, 10), dtype=bool))
 
 
 def test_a_second_place_as_likely_as_the_first_is_told_in_the_deviation() -> None:
     evidence = evidence_from(at_mean("skirt"))
-    fit = best_fits(evidence, [kind_named("skirt")])[0]
+    fit = fits_of(evidence, [kind_named("skirt")])[0]
     sure = points_of(dataclasses.replace(fit, others=()), VIEW, evidence)
     assert all(point.std_m < 2 * POINT_NEAR_M for point in sure.values())
     away = Rigid2(0.0, 0.4, 0.0)
@@ -35,7 +35,7 @@ def test_a_second_place_as_likely_as_the_first_is_told_in_the_deviation() -> Non
 
 def test_a_named_point_follows_the_edges_around_it() -> None:
     evidence = evidence_from(at_mean("towel"))
-    fit = best_fits(evidence, [kind_named("towel")])[0]
+    fit = fits_of(evidence, [kind_named("towel")])[0]
     before = points_of(fit, VIEW, evidence)
     corner = before["corner_0"].uv_m
     moved = np.array([0.006, -0.004])

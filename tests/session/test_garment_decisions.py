@@ -26,7 +26,7 @@ SEAM = DecidedSeam(False, CLOTH.points_m)
 def test_decisions_are_undone_and_redone_one_by_one() -> None:
     state = after(SetKind("tshirt"), HOLD, PIECE, LINK)
     assert state.document.garment.parts == (LINK,)
-    assert state.undo[-1].name == "take a part off by the garment"
+    assert state.undo[-1].name == "take a part off by seams"
     state = apply(state, Undo())
     assert state.document.garment.parts == ()
     assert state.document.garment.kind == "tshirt"

@@ -21,12 +21,10 @@ from flatcloth.engine.sheet import lay_out
 from flatcloth.export.garment import garment_document, lines_of, outcome_entry
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import DecidedPieces, decided_parts, decided_pieces
-from flatcloth.garments.links import DoubtedLink, GarmentPlace
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, recognise
 from flatcloth.methods.answers import Canonical, DoubtedJoint, JoinedSides
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.garment import without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.doubts import DoubtService
 from flatcloth.viewer.modes.garment import GarmentController
@@ -67,7 +65,6 @@ class Service:
         edges = cKDTree(at).query_pairs(0.0085, output_type="ndarray").astype(np.int32)
         xyz = self.canonical.view.xyz_m[row, col].astype(float)
         self.cloth = cloth_of(at, xyz, edges, np.ones(len(edges)))
-        self.links: tuple[DoubtedLink, ...] = ()
         self.error: Exception | None = None
         self.is_none = False
         self.joints: tuple[DoubtedJoint, ...] = ()
@@ -78,7 +75,6 @@ class Service:
         if self.error is not None:
             raise self.error
         decided = decided_pieces(document.garment, self.canonical.view, self.canonical.floating)
-        links = () if without_doubts(document.garment).parts else self.links
         found, kind = self._known.found, document.garment.kind
         if kind is not None or self.is_none:
             sure = {**dict.fromkeys(found.probabilities, 0.0), NONE: 1.0}
@@ -88,8 +84,6 @@ class Service:
             found=found,
             doubt=float(found.kind == NONE and kind is None),
             pieces=decided,
-            cloth=self.cloth,
-            links=links,
         )
 
     def known(self, document: Document) -> KnownGarment | str:
@@ -220,31 +214,6 @@ def test_while_auto_changes_the_shape_nothing_is_decided_by_the_garment_of_an_ea
     assert page.controller.current is not None
 
 
-@pytest.fixture
-def doubted(service):
-    part = service.cloth.uv_m[:, 0] > 0.05
-    link = DoubtedLink(part=part, probability=0.4, area_m2=0.0028, evidence=3.0)
-    service.links = (link,)
-    yield link
-    service.links = ()
-
-
-def test_run_takes_off_what_is_weak_and_probably_wrong_and_tells_what_it_doubts(service, doubted) -> None:
-    session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
-    known = place_sure_pieces(service, session)
-    assert not session.state.document.garment.parts
-    assert outcome_entry(known)["doubted_links"] == [{"part_cm2": 28.0, "probability": 0.4}]
-    assert any("A part of 28 cm2" in line for line in lines_of(known))
-    service.links = (dataclasses.replace(doubted, probability=0.01),)  # much evidence joins it
-    place_sure_pieces(service, session)
-    assert not session.state.document.garment.parts
-    service.links = (dataclasses.replace(doubted, evidence=0.5),)
-    known = place_sure_pieces(service, session)
-    (part,) = session.state.document.garment.parts
-    assert part.taken_off
-    assert outcome_entry(known)["doubted_links"] == []
-
-
 @pytest.mark.parametrize("is_false", [False, True])
 def test_run_takes_off_what_seams_show_to_be_joined_falsely_and_else_makes_it_unsure(is_false: bool) -> None:
     service = Service()
@@ -261,22 +230,6 @@ def test_run_takes_off_what_seams_show_to_be_joined_falsely_and_else_makes_it_un
     assert decided.probability == pytest.approx(0.05 if is_false else 0.7)
     place_sure_pieces(service, session)
     assert session.state.document.garment.parts == parts, "it is decided once"
-
-
-def test_run_makes_what_a_doubted_link_joins_unsure_once_and_still_asks(service, doubted) -> None:
-    service.links = (dataclasses.replace(doubted, place=GarmentPlace(Rigid2(), 0.5, 1.0, 0.0)),)
-    session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
-    known = place_sure_pieces(service, session)
-    (part,) = session.state.document.garment.parts
-    assert not part.taken_off
-    assert part.std_m == pytest.approx(0.5 * 0.6**0.5)
-    assert outcome_entry(known)["doubted_links"] == [{"part_cm2": 28.0, "probability": 0.4}]
-    assert [item.name for item in session.state.undo][-2:] == [
-        "doubt the link of a part",
-        "place a piece by the garment",
-    ]
-    place_sure_pieces(service, session)
-    assert session.state.document.garment.parts == (part,)
 
 
 def test_run_places_sure_pieces_once_and_leaves_refused_ones(service) -> None:

@@ -148,10 +148,9 @@ class DoubtService:
         cloth, document, known = self._cloth(shape), shape.document, shape.known
         if cloth is None:
             return
-        links = () if known is None else known.links
 
         def find() -> tuple[Cloth, list[Joint]]:
-            return cloth, with_places(joints_of(cloth, links, document.garment.parts), cloth, known)
+            return cloth, with_places(joints_of(cloth, document.garment.parts), cloth, known)
 
         key = document.shape_key, document.garment.parts, id(known)
         for joint in self._joints.get(key, find)[1]:
