@@ -40,9 +40,7 @@ from flatcloth.flattening.surface import crop_to_item
 from flatcloth.garments.deciding import (
     DecidedPieces,
     decided,
-    decided_part,
     decided_pieces,
-    is_decided,
     placed_piece,
     pulls_of,
     with_placed_cloth,
@@ -67,15 +65,12 @@ from flatcloth.session.garment import (
     DecidedSeam,
     GarmentDecisions,
     PlacedPiece,
-    without_doubts,
 )
 from flatcloth.session.machine import MemorySession, SessionState
 from flatcloth.session.store import Keeper
 
 _SEAM_PLACES = 40
 """Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
-_MOST_ROUNDS = 3
-"""Times that parts are taken off by seams, and both sides joined again. Chosen: each takes some seconds."""
 
 
 def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
@@ -201,8 +196,6 @@ class GarmentService:
             If the shape shows too little, was seen in one view only, or (unattended) its recording is wrong.
         """
         integration = self.integration
-        # The shape is recognised with all its links; doubts about links follow from the result.
-        document = replace(document, garment=without_doubts(document.garment))
         with self._lock:
             canonical = self.integration.laid_out(document)
             other = self.other(document)
@@ -479,8 +472,8 @@ def points_on_other_side(found: Recognition, sides: JoinedSides) -> dict[str, tu
 
 
 def _as_seen(document: Document) -> Document:
-    """Return a document without the decisions of a garment about floating pieces and links."""
-    return replace(document, garment=without_doubts(replace(document.garment, pieces=())))
+    """Return a document without the decisions about floating pieces."""
+    return replace(document, garment=replace(document.garment, pieces=()))
 
 
 def one_side(side: Integration, document: Document) -> OneSide:
@@ -516,49 +509,8 @@ def _cleared(mask: Bool, frame: RgbdFrame, noisy: bool) -> Bool:
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
     """Place the floating pieces with a reliable place on the garment, as decisions of the session.
 
-    First, parts of this side that seams show to be joined falsely are removed. Earlier decisions are kept.
-    On a shape of a wrong recording nothing is reliable.
+    Earlier decisions are kept. On a shape of a wrong recording nothing is reliable.
     """
-    _decide_joints(service, session)
-    return _with_sure_pieces(service, session)
-
-
-def decided_seam(xyz_m: Float64, *, kept: bool) -> DecidedSeam:
-    """Return the decision about a seam with places (K, 3) in the object frame, by some of them."""
-    some = np.linspace(0, len(xyz_m) - 1, min(len(xyz_m), _SEAM_PLACES)).astype(np.intp)
-    return DecidedSeam(kept=kept, points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[some]))
-
-
-def _decide_joints(service: GarmentService, session: Keeper) -> None:
-    """Take off the parts of this side that seams show to be joined falsely; others become uncertain.
-
-    Both sides are joined again after each time, which may show further ones.
-    """
-    for _ in range(_MOST_ROUNDS):
-        document = session.state.document
-        sides = service.sides(document)
-        joints = () if sides is None else sides.joints
-        pieces = service.integration.algorithm.cloth_of_pieces(document)
-        for joint in joints:
-            shared = [np.count_nonzero(cloth.placed & joint.part) for cloth in pieces]
-            cloth = pieces[int(np.argmax(shared))]
-            part, std_m = cloth.placed & joint.part, 0.0 if joint.is_false else joint.std_m
-            if not (joint.is_false or std_m) or not part.any():
-                continue
-            if not is_decided(cloth, part, document.garment.parts):
-                right = 1.0 - joint.false
-                decision = decided_part(cloth, part, right, taken_off=joint.is_false, std_m=std_m)
-                session.record(decision)
-        if not any(joint.is_false for joint in joints):
-            break
-
-
-def known_with_pieces(service: GarmentService, document: Document) -> KnownGarment | str:
-    """Return the garment of a document's shape with the pieces with a reliable place placed."""
-    return _with_sure_pieces(service, MemorySession(SessionState(0, document=document)))
-
-
-def _with_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
     known = service.known(session.state.document)
     if isinstance(known, str) or known.is_wrong:
         return known
@@ -567,6 +519,17 @@ def _with_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
         if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused, *unsure}:
             session.record(piece_decision(known.canonical, piece, accepted=True))
     return service.known(session.state.document)
+
+
+def decided_seam(xyz_m: Float64, *, kept: bool) -> DecidedSeam:
+    """Return the decision about a seam with places (K, 3) in the object frame, by some of them."""
+    some = np.linspace(0, len(xyz_m) - 1, min(len(xyz_m), _SEAM_PLACES)).astype(np.intp)
+    return DecidedSeam(kept=kept, points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[some]))
+
+
+def known_with_pieces(service: GarmentService, document: Document) -> KnownGarment | str:
+    """Return the garment of a document's shape with the pieces with a reliable place placed."""
+    return place_sure_pieces(service, MemorySession(SessionState(0, document=document)))
 
 
 def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> PlacedPiece:

@@ -77,8 +77,7 @@ class Run:
     ) -> SessionState:
         """Integrate until no view can add anything, and return the final state.
 
-        A method whose shapes are those of sets takes all views at once, but for those that the others
-        contradict.
+        A method whose shapes are those of sets takes all views at once.
 
         With more than one of the ``cores``, views are read ahead, and if frames are kept, none is read twice;
         the result is the same.
@@ -127,7 +126,7 @@ class Run:
         """Accept views, each where it hangs."""
         if self._reads_ahead:
             self.integration.views.read_ahead(reversed(views))
-        why = self.integration.why_left_out(self.state.document, views, progress)
+        why = self.integration.why_left_out(views, progress)
         taken = tuple(view for view in views if view not in why)
         if views:
             self._do(AcceptAll(taken, tuple(why.items())))

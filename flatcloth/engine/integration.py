@@ -36,19 +36,16 @@ from flatcloth.engine.trust import Trust
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.resampling import place_all
-from flatcloth.garments.deciding import decided_parts, with_doubts
+from flatcloth.garments.deciding import decided_parts
 from flatcloth.methods.answers import AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method
 from flatcloth.methods.registry import load_method, method_name
 from flatcloth.methods.starting import overlap_area_m2, side_of
 from flatcloth.recordings.base import Recording
 from flatcloth.registration.axis import THREADS
-from flatcloth.session.document import Document, PlacedPart, Rejected, Side, accept_all
+from flatcloth.session.document import Document, PlacedPart, Rejected, Side
 from flatcloth.session.machine import Event, NothingMore, Proposed, Request, Started
 from flatcloth.shape.joints import DecidedParts
-
-CONTRADICTS = "contradicts the other views"
-"""Reason why a view is left out: too many of its pairs contradict those of the other views."""
 
 
 class _ByGarment(NamedTuple):
@@ -165,10 +162,8 @@ class Integration:
             return self._by_garment(document).canonical
         return self.algorithm.canonical(document)
 
-    def why_left_out(
-        self, document: Document, views: Sequence[int], progress: Progress = no_progress
-    ) -> dict[int, str]:
-        """Return those of some views that cannot be added to a shape, each where it hangs, and why."""
+    def why_left_out(self, views: Sequence[int], progress: Progress = no_progress) -> dict[int, str]:
+        """Return those of some views that cannot be added to a shape, and why."""
         why: dict[int, str] = {}
         with ThreadPoolExecutor(THREADS) as pool:
             reasons = pool.map(self.algorithm.why_unusable, views)
@@ -176,10 +171,7 @@ class Integration:
                 progress(n / len(views), f"view {view}")
                 if reason:
                     why[view] = reason
-        usable = [view for view in views if view not in why]
-        progress(0.9, f"computing the shape of {len(document.used_views) + len(usable)} views")
-        against = self.algorithm.contradicting(accept_all(document, usable, {}))
-        return why | {view: CONTRADICTS for view in usable if view in against}
+        return why
 
     def wrong(self, document: Document) -> list[str]:
         """Return the reasons why something about the recording of a shape is wrong; empty if none."""
@@ -200,15 +192,12 @@ class Integration:
         return self._by_garment(document).taken_off if document.garment.parts else None
 
     def parts(self, document: Document) -> DecidedParts:
-        """Return the parts that were taken off, or are kept, though seams doubt their links."""
+        """Return the parts that the operator took off, or keeps."""
         pieces = self.algorithm.cloth_of_pieces(document) if document.garment.parts else ()
         return decided_parts(pieces, document.garment.parts)
 
     def _by_garment(self, document: Document) -> _ByGarment:
-        """Return a shape and its cloth after the decisions about parts of it (cached).
-
-        Removed parts float; parts joined by a doubted link are as uncertain as the link.
-        """
+        """Return a shape and its cloth after the decisions about parts of it (cached)."""
 
         def make() -> _ByGarment:
             made = self.algorithm.canonical(document)
@@ -218,7 +207,6 @@ class Integration:
             parts = self.parts(document)
             if any(parts):
                 made, cloth = self.algorithm.as_decided(document, parts)
-            made = replace(made, view=with_doubts(made.view, cloth, document.garment.parts))
             return _ByGarment(made, cloth, np.any(parts.taken_off, axis=0) if parts.taken_off else None)
 
         return self._decided.get((*_shape_of(document), document.garment.parts), make)

@@ -17,7 +17,7 @@ from flatcloth.garments.deciding import is_same_part, last_decisions
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
 from flatcloth.garments.fit import APART_M
 from flatcloth.garments.placing import place_elsewhere
-from flatcloth.session.garment import DoubtedPart
+from flatcloth.session.garment import DecidedPart
 from flatcloth.shape.graph import pairs_once
 from flatcloth.shape.joints import seen_often, weak_joints
 
@@ -76,26 +76,21 @@ class Joint:
         return middle
 
 
-def joints_of(cloth: Cloth, decisions: Sequence[DoubtedPart] = ()) -> list[Joint]:
+def joints_of(cloth: Cloth, decisions: Sequence[DecidedPart] = ()) -> list[Joint]:
     """Return the weak joints of a shape, the one with the most doubtful cloth first.
 
-    ``cloth`` says how the shape hangs together, ``decisions`` are about parts. A part that a seam contradicts
-    has the probability that this leaves it; one that the operator keeps is right. Without noise, no part is
-    joined falsely.
+    ``cloth`` says how the shape hangs together. A part that the operator keeps, by one of the ``decisions``,
+    is right. Without noise, no part is joined falsely.
     """
     joined = np.flatnonzero(cloth.joined)
     pairs, pair = pairs_once(cloth.edges[joined])
     counted = seen_often(np.bincount(pair, cloth.evidence[joined]).astype(np.float64), np.bincount(pair))
     length_m = np.bincount(pair, cloth.length_m[joined]) / np.bincount(pair)
-    last = last_decisions(cloth, decisions)
-    parts = [(part, decided.probability) for decided, part in last if decided.std_m]
-    for joint in weak_joints(pairs, counted, cloth.placed):
-        if not any(is_same_part(joint.part, part) for part, _ in parts):
-            parts.append((joint.part, 1.0 - joint.false * cloth.is_noisy))
-    kept = [part for decided, part in last if not (decided.taken_off or decided.std_m)]
+    kept = [part for decided, part in last_decisions(cloth, decisions) if not decided.taken_off]
     least = LEAST_AREA_M2 / cloth.spacing_m**2
     found = []
-    for part, probability in parts:
+    for joint in weak_joints(pairs, counted, cloth.placed):
+        part = joint.part
         across = np.flatnonzero(cloth.joined & (part[cloth.edges[:, 0]] != part[cloth.edges[:, 1]]))
         if not across.size or np.count_nonzero(part) < least:
             continue
@@ -107,7 +102,7 @@ def joints_of(cloth: Cloth, decisions: Sequence[DoubtedPart] = ()) -> list[Joint
                 part=part,
                 share=np.count_nonzero(part) / np.count_nonzero(cloth.placed),
                 evidence=float(counted[apart].sum()),
-                probability=1.0 if is_kept else probability,
+                probability=1.0 if is_kept else 1.0 - joint.false * cloth.is_noisy,
                 ends_uv_m=cloth.uv_m[ends],
                 length_m=length_m[apart],
                 seam_xyz_m=cloth.xyz_m[ends].mean(axis=1),

@@ -37,7 +37,6 @@ _NEAR_M = 1.0
 
 FLOATS = "Nothing seen connects it to the shape."
 PLACED = "Placed by the garment or by seams with the other side: no view connects it."
-TAKEN_OFF = "Taken off the shape: no seam allows it where it was joined."
 BY_HAND = "Cut off the shape by hand."
 PLACED_BY_HAND = "Placed by hand: no view connects it."
 LOOSE = "A narrow neck or weak overlaps connect it to the shape: its place is not reliable."
@@ -184,7 +183,7 @@ def lay_out(
     """Lay out the floating pieces of a canonical view next to it.
 
     ``placed`` are motions onto the shape of those that have a place on it, by their index in ``floating``;
-    ``by_hand`` those that the operator placed, or cut off. What is drawn of the shape ends at u ``edge_m``.
+    ``by_hand`` those that the operator placed. What is drawn of the shape ends at u ``edge_m``.
     """
     main = canonical.view
     low, high = _box(main)
@@ -200,7 +199,7 @@ def lay_out(
         middle = (own_low + own_high) / 2
         off = index in canonical.taken_off
         near = not off and bool((middle > low - _NEAR_M).all() and (middle < high + _NEAR_M).all())
-        reason = (BY_HAND if index in by_hand else TAKEN_OFF) if off else LOOSE if near else FLOATS
+        reason = BY_HAND if off else LOOSE if near else FLOATS
         shift = (0.0, 0.0)
         if motion is not None:
             view, reason = _moved(view, motion, main), PLACED_BY_HAND if index in by_hand else PLACED

@@ -18,7 +18,6 @@ from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings.base import Recording
 from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document
-from flatcloth.session.garment import without_doubts
 
 _KNOWN = 0.75
 """A shape is known to be a garment from this probability on, odds of 3. Weaker evidence is hardly worth a
@@ -51,7 +50,7 @@ class Trust:
 
     def recognised(self, document: Document, found: Recognition | None) -> None:
         """Keep which garment a document's shape is; None: its kind is no reason for doubt."""
-        self._kind = _recognised_by(document), found
+        self._kind = document.shape_key, found
 
     def wrong(self, document: Document, canonical: Canonical, registered: Registered | None) -> list[str]:
         """Return the reasons why something about the recording is wrong."""
@@ -101,7 +100,7 @@ class Trust:
 
     def _kind_of(self, document: Document) -> Recognition | None:
         of, found = self._kind
-        return found if of == _recognised_by(document) else None
+        return found if of == document.shape_key else None
 
     def _doubts(self, document: Document, canonical: Canonical, registered: Registered | None) -> _Doubts:
         return _Doubts(
@@ -114,11 +113,6 @@ class Trust:
 def _is_none(found: Recognition | None) -> bool:
     """Return whether a shape was found to be of no known kind."""
     return found is not None and found.by_hand is None and found.kind == NONE
-
-
-def _recognised_by(document: Document) -> Hashable:
-    """Return the key of what a garment is recognised by; what a run doubts follows from the garment."""
-    return replace(document, garment=without_doubts(document.garment)).shape_key
 
 
 def scale_std_of(recording: Recording) -> float:

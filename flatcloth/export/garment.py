@@ -192,7 +192,6 @@ def outcome_entry(known: KnownGarment | str) -> dict[str, Any]:
         "by_hand": found.by_hand is not None,
         "probability": round(found.probabilities[found.kind], 4),
         "placed_by_the_garment": [floating_file(n + 1) for n in sorted(placed - hand)],
-        "taken_off_by_seams": [floating_file(n + 1) for n in sorted(known.canonical.taken_off - hand)],
     }
 
 
@@ -207,7 +206,6 @@ def lines_of(known: KnownGarment | str) -> list[str]:
         return [
             f"Garment: none of the known kinds ({found.probabilities[NONE]:.0%}); the likeliest kind is "
             f"{likeliest} ({share:.0%}).",
-            *_taken_off(known),
         ]
     seen = sum(point.pixel is not None for point in found.points.values())
     sizes = ", ".join(
@@ -220,14 +218,8 @@ def lines_of(known: KnownGarment | str) -> list[str]:
         f"{seen} of {len(found.points)} named points seen.",
         *([doubt] if known.doubt else []),
         f"Dimensions in mm: {sizes}.",
-        *_taken_off(known),
     ]
     placed = sorted(known.pieces.shape_from_piece.keys() - known.pieces.by_hand)
     if placed:
         lines.append(f"Floating pieces placed by the garment: {', '.join(str(n + 1) for n in placed)}.")
     return lines
-
-
-def _taken_off(known: KnownGarment) -> list[str]:
-    off = ", ".join(str(n + 1) for n in sorted(known.canonical.taken_off - known.pieces.by_hand))
-    return [f"Floating pieces taken off the shape, where no seam allows them: {off}."] if off else []

@@ -21,7 +21,7 @@ from flatcloth.garments.fit import APART_M, HELD_STD_M, Pull, surest
 from flatcloth.garments.named_points import KNOWN_STD_M, POINT_NEAR_M, dimensions_of, pixel_near, points_of
 from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import NONE, Recognition, held_fit
-from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions, HeldPoint, PlacedPiece
+from flatcloth.session.garment import ClothPlaces, DecidedPart, GarmentDecisions, HeldPoint, PlacedPiece
 from flatcloth.shape.joints import DecidedParts
 
 _LEAST_FOUND = 0.5  # by definition: most of the points of a decision, or its cloth is gone
@@ -170,7 +170,7 @@ def decided_pieces(
         shares = [float((tree.query(points)[0] <= POINT_NEAR_M).mean()) for tree in trees]
         return int(np.argmax(shares)) if max(shares, default=0.0) >= _LEAST_FOUND else -1
 
-    by_hand = {index_of(each.part) for each in decisions.parts if each.taken_off and each.by_hand}
+    by_hand = {index_of(each.part) for each in decisions.parts if each.taken_off}
     for decision in decisions.pieces:
         index = index_of(decision.piece)
         if index < 0:
@@ -216,31 +216,25 @@ def _now_from_then(cloth: ClothPlaces, view: FlattenedView) -> Rigid2 | None:
     return refit_rigid2(fit_rigid2(then, now), then, now, POINT_NEAR_M, 10)
 
 
-def decided_part(
-    cloth: Cloth, part: Bool, probability: float, *, taken_off: bool, std_m: float = 0.0
-) -> DoubtedPart:
-    """Return a decision about a part (N,), tied to its cloth and to that of the rest.
-
-    It is taken off, or kept; with ``std_m``, the deviation that this leaves, it stays in doubt.
-    """
+def decided_part(cloth: Cloth, part: Bool, probability: float, *, taken_off: bool) -> DecidedPart:
+    """Return the decision that a part (N,) is taken off or kept, tied to its cloth and the rest's."""
     rest = cloth.placed & ~part
-    return DoubtedPart(
+    return DecidedPart(
         taken_off=taken_off,
         part=_tied(cloth.xyz_m[part], cloth.uv_m[part]),
         rest=_tied(cloth.xyz_m[rest], cloth.uv_m[rest]),
         probability=float(probability),
-        std_m=std_m,
     )
 
 
-def placed_by_hand(taken_off: DoubtedPart, shape_from_part: Rigid2) -> PlacedPiece:
+def placed_by_hand(taken_off: DecidedPart, shape_from_part: Rigid2) -> PlacedPiece:
     """Return the decision that a part that is taken off lies elsewhere on the shape, moved by so much."""
     laid = shape_from_part.apply(np.array(taken_off.part.uv_m)).tolist()
     there = replace(taken_off.part, uv_m=tuple((u, v) for u, v in laid))
     return PlacedPiece(accepted=True, piece=there, shape=taken_off.rest, probability=1.0, by_hand=True)
 
 
-def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
+def found_again(cloth: Cloth, decision: DecidedPart) -> Bool | None:
     """Return the samples (N,) of a decided part on a shape as it is now; None if it is not on it."""
     placed = np.flatnonzero(cloth.placed)
     tree = cKDTree(cloth.xyz_m[placed])
@@ -259,24 +253,16 @@ def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
     )
 
 
-def is_decided(cloth: Cloth, part: Bool, decisions: Sequence[DoubtedPart]) -> bool:
-    """Return whether one of the decisions is about a part (N,)."""
-    return any(is_same_part(part, other) for _, other in last_decisions(cloth, decisions))
-
-
-def decided_parts(pieces: Sequence[Cloth], decisions: Sequence[DoubtedPart]) -> DecidedParts:
+def decided_parts(pieces: Sequence[Cloth], decisions: Sequence[DecidedPart]) -> DecidedParts:
     """Return the parts that were taken off pieces, or kept on them; of a part, the last decision counts."""
     last = [each for cloth in pieces for each in last_decisions(cloth, decisions)]
-    return DecidedParts(
-        taken_off=[part for decision, part in last if decision.taken_off],
-        kept=[part for decision, part in last if not (decision.taken_off or decision.std_m)],
-        cut=[part for decision, part in last if decision.taken_off and decision.by_hand],
-    )
+    cut, kept = ([part for decision, part in last if decision.taken_off == off] for off in (True, False))
+    return DecidedParts(taken_off=cut, kept=kept, cut=cut)
 
 
-def last_decisions(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[tuple[DoubtedPart, Bool]]:
+def last_decisions(cloth: Cloth, decisions: Sequence[DecidedPart]) -> list[tuple[DecidedPart, Bool]]:
     """Return the last decision about each part that is found again, and its samples (N,)."""
-    found: list[tuple[DoubtedPart, Bool]] = []
+    found: list[tuple[DecidedPart, Bool]] = []
     for decision in decisions:
         part = found_again(cloth, decision)
         if part is not None:
@@ -288,21 +274,6 @@ def last_decisions(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[tuple
 def is_same_part(part: Bool, other: Bool) -> bool:
     """Return whether two parts (N,) have most of their samples in common."""
     return bool((part & other).sum() > 0.5 * (part | other).sum())
-
-
-def with_doubts(view: FlattenedView, cloth: Cloth, decisions: Sequence[DoubtedPart]) -> FlattenedView:
-    """Return the shape with larger standard deviations where the link of a part is doubted.
-
-    Joined or lying elsewhere are two hypotheses; the variance of a place is that between them.
-    """
-    doubted = [(d.std_m, part) for d, part in last_decisions(cloth, decisions) if d.std_m]
-    if not doubted or view.placement_std_m is None:
-        return view
-    std = view.placement_std_m.copy()
-    for std_m, part in doubted:
-        own = pixels_of_part(view, cloth, part)
-        std[own] = np.hypot(std[own], np.float32(std_m))
-    return replace(view, placement_std_m=std)
 
 
 def pixels_of_part(view: FlattenedView, cloth: Cloth, part: Bool) -> Bool:

@@ -9,7 +9,6 @@ from typing import Literal, Protocol
 import numpy as np
 
 from flatcloth.core.types import (
-    Bool,
     FlattenedView,
     Float64,
     Int16,
@@ -187,7 +186,7 @@ class Canonical:
     ``view`` is its raster; ``current_from_view`` maps each accepted view's index to the motion from
     that view's own plane to this plane (in the paper's method, the plane of the view added last).
     ``floating`` are pieces of cloth that no view connects to it, each in a plane of its own; those of the
-    indices ``taken_off`` were parts of it, whose link seams contradict.
+    indices ``taken_off`` were parts of it, and the operator took them off.
     """
 
     view: FlattenedView
@@ -258,20 +257,6 @@ class OneSide:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DoubtedJoint:
-    """Cloth of this side that joins a ``part`` (N,) of its samples to a piece, which seams contradict.
-
-    ``false`` is the probability that it joins it falsely: then the part is elsewhere, which gives its places
-    the deviation ``std_m``. It ``is_false`` if that is part of what is most probable.
-    """
-
-    part: Bool
-    false: float
-    is_false: bool
-    std_m: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class OtherJoint:
     """Where cloth of the other side hangs on the rest of both by little evidence.
 
@@ -292,8 +277,8 @@ class JoinedSides:
     deviations are relative to this side's shape, and None if it is not related to that. Where
     ``is_related``, a place (u, v) of its plane times ``MIRROR`` lies on the plane of this side.
     ``laid`` are floating pieces of this side that seams join to the shape, over cloth of the other side; the
-    place of the pieces ``unsure`` is not sure. ``joints`` are what seams say against the cloth of this side,
-    ``weak`` where cloth of the other side may be joined falsely, the most doubtful first.
+    place of the pieces ``unsure`` is not sure. ``weak`` are where cloth of the other side may be joined
+    falsely, the most doubtful first.
     """
 
     other: Canonical
@@ -301,7 +286,6 @@ class JoinedSides:
     is_related: bool
     laid: tuple[LaidPiece, ...] = ()
     unsure: frozenset[int] = frozenset()
-    joints: tuple[DoubtedJoint, ...] = ()
     weak: tuple[OtherJoint, ...] = ()
 
 

@@ -101,7 +101,7 @@ class Method(Protocol):
     has_sides: ClassVar[bool] = False
     """Whether a view extends the shape on one of two sides."""
     takes_all: ClassVar[bool] = False
-    """Whether a shape is that of a set of views, so that a run takes all at once: :meth:`contradicting`."""
+    """Whether a shape is that of a set of views, so that a run takes all at once."""
 
     @abstractmethod
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None: ...
@@ -210,10 +210,6 @@ class Method(Protocol):
     def why_unusable(self, view_index: int) -> str:
         """Return why a view shows too little cloth to be part of a shape; empty if it shows enough."""
         return ""
-
-    def contradicting(self, document: Document) -> dict[int, float]:
-        """Return the views of a document that the others contradict, each with the share of its pairs."""
-        return {}
 
     def earlier(self, earlier: Document, document: Document) -> Canonical:
         """Return the canonical view of an ``earlier`` state of a document, for pictures of its growth.

@@ -67,21 +67,18 @@ class PlacedPiece:
 
 
 @dataclass(frozen=True)
-class DoubtedPart:
-    """A part of a piece that is removed ``by_hand``, or because no seam allows its link; or kept.
+class DecidedPart:
+    """A part of a piece that the operator takes off, or keeps.
 
     ``part`` are points of its cloth and ``rest`` of the other cloth of the shape, with their places.
-    ``probability`` is that of the link when it was decided. If nobody decided, but a run without an operator
-    doubts the link, the place of the part has the standard deviation ``std_m``; otherwise that is 0. With
-    ``place``, a part that is removed lies elsewhere by the same decision.
+    ``probability`` is that of its joint when it was decided. With ``place``, a part that is taken off lies
+    elsewhere by the same decision.
     """
 
     taken_off: bool
     part: ClothPlaces
     rest: ClothPlaces
     probability: Number
-    std_m: Number = 0.0
-    by_hand: bool = False
     place: PlacedPiece | None = None
 
 
@@ -106,7 +103,7 @@ class GarmentDecisions:
     kind: str | None = None
     held: tuple[HeldPoint, ...] = ()
     pieces: tuple[PlacedPiece, ...] = ()
-    parts: tuple[DoubtedPart, ...] = ()
+    parts: tuple[DecidedPart, ...] = ()
     seams: tuple[DecidedSeam, ...] = ()
 
 
@@ -124,7 +121,7 @@ class ReleasePoints:
     name: str | None = None
 
 
-GarmentCommand = SetKind | HeldPoint | ReleasePoints | PlacedPiece | DoubtedPart | DecidedSeam
+GarmentCommand = SetKind | HeldPoint | ReleasePoints | PlacedPiece | DecidedPart | DecidedSeam
 
 
 def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
@@ -138,8 +135,8 @@ def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
             return "No point is held."
         case ReleasePoints(name=str(name)) if name not in {held.name for held in decisions.held}:
             return f"The point {name!r:.60} is not held."
-        case PlacedPiece() | DoubtedPart() | DecidedSeam():
-            name = {PlacedPiece: "pieces", DoubtedPart: "parts", DecidedSeam: "seams"}[type(command)]
+        case PlacedPiece() | DecidedPart() | DecidedSeam():
+            name = {PlacedPiece: "pieces", DecidedPart: "parts", DecidedSeam: "seams"}[type(command)]
             if len(getattr(decisions, name)) >= MOST_PIECES:
                 return f"{MOST_PIECES} {name} are decided about, which is the most there can be. Undo some."
     return None
@@ -174,18 +171,12 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
         case PlacedPiece():
             verb = "place a piece by the garment" if command.accepted else "refuse a place by the garment"
             return verb, replace(decisions, pieces=(*decisions.pieces, command))
-        case DoubtedPart(place=place):
-            verb = "cut a part off" if command.by_hand else "take a part off by seams"
-            verb = verb if command.taken_off else "keep a part on the shape"
-            verb = "place a part by hand" if place else "doubt the link of a part" if command.std_m else verb
+        case DecidedPart(place=place):
+            verb = "cut a part off" if command.taken_off else "keep a part on the shape"
+            verb = "place a part by hand" if place else verb
             parts = (*decisions.parts, replace(command, place=None))
             pieces = decisions.pieces if place is None else (*decisions.pieces, place)
             return verb, replace(decisions, parts=parts, pieces=pieces)
         case DecidedSeam():
             verb = "keep a seam" if command.kept else "cut a seam"
             return verb, replace(decisions, seams=(*decisions.seams, command))
-
-
-def without_doubts(decisions: GarmentDecisions) -> GarmentDecisions:
-    """Return the decisions of the operator, without the links that a run only doubts."""
-    return replace(decisions, parts=tuple(part for part in decisions.parts if not part.std_m))

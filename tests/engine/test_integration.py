@@ -12,7 +12,7 @@ from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import pixel_counts
-from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
+from flatcloth.engine.sheet import BY_HAND, beyond, lay_out
 from flatcloth.garments.deciding import decided_part
 from flatcloth.session.document import Side
 from flatcloth.session.machine import (
@@ -134,28 +134,9 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
     assert after["floating"] == pytest.approx(0.3 * before["shape"], rel=0.15)
     assert sum(after.values()) == sum(before.values())
     sheet = lay_out(shape)
-    assert [each.reason for each in sheet.pieces] == [TAKEN_OFF]
+    assert [each.reason for each in sheet.pieces] == [BY_HAND]
     assert sheet.pieces[0].view.origin_uv_m[0] > shape.view.origin_uv_m[0] + 0.1
     assert made.canonical(apply(off, Undo()).document) is whole
-
-
-def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
-    made = shared("robust")
-    state = one_accepted(made)
-    whole, cloth = made.canonical(state.document).view, made.cloth(state.document)
-    middle = np.nanpercentile(cloth.uv_m[:, 1], 70)
-    part = cloth.uv_m[:, 1] > middle
-    doubted = apply(state, decided_part(cloth, part, 0.84, taken_off=False, std_m=0.2))
-    view = made.canonical(doubted.document).view
-    np.testing.assert_array_equal(view.valid, whole.valid)
-    below = whole.uv_from_rc(np.argwhere(view.valid))[:, 1] > middle + 0.02
-    above = whole.uv_from_rc(np.argwhere(view.valid))[:, 1] < middle - 0.02
-    before, std = whole.placement_std_m[view.valid], view.placement_std_m[view.valid]
-    np.testing.assert_allclose(std[below], np.hypot(before[below], 0.2), rtol=1e-5)
-    np.testing.assert_array_equal(std[above], before[above])
-    kept = apply(doubted, decided_part(cloth, part, 0.84, taken_off=False))
-    same = made.canonical(kept.document).view.placement_std_m
-    np.testing.assert_array_equal(same[view.valid], before)
 
 
 def test_another_axis_derives_everything_again() -> None:

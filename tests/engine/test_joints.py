@@ -21,7 +21,7 @@ from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part
 from flatcloth.methods.answers import Seam
 from flatcloth.session.document import Document
-from flatcloth.session.garment import DoubtedPart
+from flatcloth.session.garment import DecidedPart
 from flatcloth.shape.joints import false_share
 from flatcloth.viewer.modes.doubts import DoubtService
 from flatcloth.viewer.protocol.messages import Decide
@@ -73,12 +73,10 @@ def test_a_joint_is_as_probable_as_its_evidence_says_and_certain_without_noise(c
     assert alternatives([certain]) == [Alternative(1.0)]
 
 
-def test_a_part_has_the_probability_that_a_seam_leaves_it_until_it_is_kept(cloth) -> None:
+def test_a_part_that_the_operator_keeps_is_joined_rightly(cloth) -> None:
     (found,) = joints_of(cloth)
-    doubted = decided_part(cloth, found.part, 0.1, taken_off=False, std_m=0.1)
-    (joint,) = joints_of(cloth, [doubted])
-    assert (joint.probability, joint.is_kept) == (0.1, False)
-    (joint,) = joints_of(cloth, [doubted, decided_part(cloth, found.part, 1.0, taken_off=False)])
+    assert not found.is_kept
+    (joint,) = joints_of(cloth, [decided_part(cloth, found.part, 0.1, taken_off=False)])
     assert (joint.probability, joint.is_kept) == (1.0, True)
 
 
@@ -86,7 +84,7 @@ def test_a_part_in_doubt_has_the_places_that_garment_and_seams_know_for_it(cloth
     (found,) = joints_of(cloth)
     there, along = Rigid2(0.3, 0.1, 0.0), Rigid2(0.0, 0.0, 0.2)
     monkeypatch.setattr("flatcloth.engine.joints.place_elsewhere", lambda *_: (there, 0.4))
-    (doubted,) = joints_of(cloth, [decided_part(cloth, found.part, 0.1, taken_off=False, std_m=0.1)])
+    doubted = replace(found, probability=0.1)
     rim = cloth.uv_m[doubted.part][:20]
     seam = Seam(
         this_piece=0, other_piece=0, this_uv_m=rim, other_uv_m=along.apply(rim) * MIRROR,
@@ -162,16 +160,16 @@ def test_a_joint_is_told_with_the_pixels_that_show_it_or_why_nothing_is_known(cl
 def test_a_decision_is_about_the_shape_that_was_shown(cloth) -> None:
     service = service_of(cloth)
 
-    def decided(**asked: Any) -> DoubtedPart:
+    def decided(**asked: Any) -> DecidedPart:
         (decision,) = service.decision(Decide(**{"revision": 1, "index": 0, **asked}))
-        assert isinstance(decision, DoubtedPart)
+        assert isinstance(decision, DecidedPart)
         return decision
 
     cut = decided(how="cut")
     assert (cut.taken_off, cut.place) == (True, None)
     assert max(u for u, _ in cut.part.uv_m) < 10 * 0.012
     kept = decided(how="keep")
-    assert (kept.taken_off, kept.by_hand, kept.place) == (False, True, None)
+    assert (kept.taken_off, kept.place) == (False, None)
     laid = decided(how="place", place=(0.0, 0.1, 0.2))
     assert laid.place is not None
     assert np.allclose(np.array(laid.place.piece.uv_m) - laid.part.uv_m, (0.1, 0.2))

@@ -15,7 +15,7 @@ from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings.mending import Mends
 from flatcloth.recordings.writer import GrowingRecording, RecordingWriter
 from flatcloth.session.document import Document
-from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
+from flatcloth.session.garment import ClothPlaces, DecidedPart, GarmentDecisions
 
 STD_M = 0.003
 TWO = Document(start_view=0)
@@ -108,13 +108,12 @@ def test_the_kind_of_a_recording_that_still_grows_may_follow_from_further_views(
         assert trust.doubt_of_kind(all_seen) == 0.8
 
 
-def test_links_that_a_run_doubts_do_not_change_what_the_garment_says():
+def test_what_the_garment_says_of_a_shape_is_not_said_of_it_without_a_part():
     trust, cloth = _trust(), ClothPlaces(points_m=((0.0, 0.0, 1.0),), uv_m=((0.0, 0.0),))
-    part = DoubtedPart(taken_off=False, part=cloth, rest=cloth, probability=0.7, std_m=0.1)
     trust.recognised(TWO, _of({"towel": 0.2, NONE: 0.8}))
-    doubting = replace(TWO, garment=GarmentDecisions(parts=(part,)))
-    assert _std_m(trust.of(doubting, _shape(), None)).min() > 0.1
-    off = replace(TWO, garment=GarmentDecisions(parts=(replace(part, taken_off=True, std_m=0.0),)))
+    assert _std_m(trust.of(TWO, _shape(), None)).min() > 0.1
+    part = DecidedPart(taken_off=True, part=cloth, rest=cloth, probability=0.7)
+    off = replace(TWO, garment=GarmentDecisions(parts=(part,)))
     assert _std_m(trust.of(off, _shape(), None)).max() == STD_M
 
 

@@ -12,7 +12,6 @@ from flatcloth.garments.deciding import (
     decided_part,
     decided_parts,
     found_again,
-    is_decided,
     pixels_of_part,
 )
 from flatcloth.garments.evidence import PieceEvidence
@@ -97,7 +96,6 @@ def test_a_decided_part_is_found_again_on_a_shape_that_was_turned_and_floats() -
     again = found_again(turned, taken)
     assert again is not None
     assert (again == part).all()
-    assert is_decided(turned, part, [taken])
     kept = dataclasses.replace(taken, taken_off=False)
     assert len(decided_parts([turned], [kept, taken]).taken_off) == 1
     assert decided_parts([turned], [taken, kept]).taken_off == []

@@ -2,7 +2,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from scenes import Cylinder
 from sheet_runs import STEPS, done, errors_m
 from sheet_runs import integration as sheet_integration
 
@@ -10,7 +9,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run
-from flatcloth.engine.integration import CONTRADICTS, Integration
+from flatcloth.engine.integration import Integration
 from flatcloth.registration.registered import describe
 from flatcloth.session.machine import (
     Accept,
@@ -83,15 +82,6 @@ def test_a_wrong_placement_scores_low_and_is_refused(by: Rigid2) -> None:
     state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))
     moved = apply(state, Nudge(2, by))
     assert made.score(moved.document).total < made.accept_score < made.score(state.document).total
-
-
-def test_a_view_that_contradicts_the_others_is_left_out_of_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = Integration(Cylinder(angles_deg=(0.0, 20.0, 40.0), span_deg=(-60.0, 60.0)))
-    monkeypatch.setattr(made.algorithm, "contradicting", lambda _: {2: 0.5})
-    run = Run(made, MemorySession(SessionState(3)))
-    state = run.finish()
-    assert state.document.used_views == {0, 1}
-    assert [(d.view_index, d.reason) for d in run.decisions if not d.accepted] == [(2, CONTRADICTS)]
 
 
 def test_a_view_of_other_cloth_is_told_apart() -> None:

@@ -8,8 +8,8 @@ from journal_script import CLOTH, after
 from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.session.garment import (
     ClothPlaces,
+    DecidedPart,
     DecidedSeam,
-    DoubtedPart,
     HeldPoint,
     PlacedPiece,
     ReleasePoints,
@@ -19,14 +19,14 @@ from flatcloth.session.machine import Redo, Restart, Start, Started, Undo, apply
 
 HOLD = HeldPoint("neck_left", (0.2, 0.3), CLOTH)
 PIECE = PlacedPiece(True, CLOTH, CLOTH, 0.97)
-LINK = DoubtedPart(True, CLOTH, CLOTH, 0.2)
+LINK = DecidedPart(True, CLOTH, CLOTH, 0.2)
 SEAM = DecidedSeam(False, CLOTH.points_m)
 
 
 def test_decisions_are_undone_and_redone_one_by_one() -> None:
     state = after(SetKind("tshirt"), HOLD, PIECE, LINK)
     assert state.document.garment.parts == (LINK,)
-    assert state.undo[-1].name == "take a part off by seams"
+    assert state.undo[-1].name == "cut a part off"
     state = apply(state, Undo())
     assert state.document.garment.parts == ()
     assert state.document.garment.kind == "tshirt"

@@ -12,8 +12,8 @@ from flatcloth.core.strokes import ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
 from flatcloth.session.document import PlacedPart, Side
 from flatcloth.session.garment import (
+    DecidedPart,
     DecidedSeam,
-    DoubtedPart,
     HeldPoint,
     PlacedPiece,
     ReleasePoints,
@@ -62,7 +62,7 @@ ALSO = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.
         HeldPoint("neck_left", (0.2, 0.3), CLOTH),
         ReleasePoints(),
         PlacedPiece(True, CLOTH, CLOTH, 0.97),
-        DoubtedPart(True, CLOTH, CLOTH, 0.2, place=PlacedPiece(True, CLOTH, CLOTH, 0.5)),
+        DecidedPart(True, CLOTH, CLOTH, 0.2, place=PlacedPiece(True, CLOTH, CLOTH, 0.5)),
         DecidedSeam(False, CLOTH.points_m),
     ],
     ids=lambda entry: type(entry).__name__,

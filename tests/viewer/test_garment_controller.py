@@ -19,11 +19,10 @@ from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment import KnownGarment, place_sure_pieces
 from flatcloth.engine.sheet import lay_out
 from flatcloth.export.garment import garment_document, lines_of, outcome_entry
-from flatcloth.flattening.cloth import Cloth
-from flatcloth.garments.deciding import DecidedPieces, decided_parts, decided_pieces
+from flatcloth.garments.deciding import DecidedPieces, decided_pieces
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, recognise
-from flatcloth.methods.answers import Canonical, DoubtedJoint, JoinedSides
+from flatcloth.methods.answers import Canonical
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.doubts import DoubtService
@@ -67,7 +66,6 @@ class Service:
         self.cloth = cloth_of(at, xyz, edges, np.ones(len(edges)))
         self.error: Exception | None = None
         self.is_none = False
-        self.joints: tuple[DoubtedJoint, ...] = ()
         self.integration = self
         self.algorithm = self
 
@@ -88,14 +86,6 @@ class Service:
 
     def known(self, document: Document) -> KnownGarment | str:
         return self.of(document)
-
-    def sides(self, document: Document) -> JoinedSides:
-        joints = () if any(part.taken_off for part in document.garment.parts) else self.joints
-        return JoinedSides(other=self.canonical, seams=(), is_related=True, joints=joints)
-
-    def cloth_of_pieces(self, _document: Document) -> list[Cloth]:
-        nowhere = np.full_like(self.cloth.uv_m, np.nan)
-        return [dataclasses.replace(self.cloth, uv_m=nowhere), self.cloth]
 
 
 @pytest.fixture(scope="module")
@@ -212,24 +202,6 @@ def test_while_auto_changes_the_shape_nothing_is_decided_by_the_garment_of_an_ea
     page.controller.follow(TWO_VIEWS, busy=True)
     assert not page.controller.info().working
     assert page.controller.current is not None
-
-
-@pytest.mark.parametrize("is_false", [False, True])
-def test_run_takes_off_what_seams_show_to_be_joined_falsely_and_else_makes_it_unsure(is_false: bool) -> None:
-    service = Service()
-    left = service.cloth.uv_m[:, 0] < service.cloth.uv_m[:, 0].mean()
-    service.joints = (DoubtedJoint(part=left, false=0.95 if is_false else 0.3, is_false=is_false, std_m=0.2),)
-    session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
-    place_sure_pieces(service, session)
-    parts = session.state.document.garment.parts
-    (decided,) = parts
-    assert [(found == left).all() for found in decided_parts([service.cloth], parts).taken_off] == [
-        True
-    ] * is_false
-    assert decided.std_m == (0.0 if is_false else 0.2)
-    assert decided.probability == pytest.approx(0.05 if is_false else 0.7)
-    place_sure_pieces(service, session)
-    assert session.state.document.garment.parts == parts, "it is decided once"
 
 
 def test_run_places_sure_pieces_once_and_leaves_refused_ones(service) -> None:

@@ -56,10 +56,6 @@ from flatcloth.shape.joints import DecidedParts
 from flatcloth.shape.observations import associate
 from flatcloth.shape.shape import Shape, change_by, of_views
 
-MOST_CONTRADICTION = 0.1
-"""Without an operator, a view is left out if the others contradict a larger share of its pairs. Set by
-hand."""
-
 
 class RobustMethod(Method):
     """The algorithm of ``docs/robust.md``; see :class:`flatcloth.methods.base.Method`."""
@@ -320,7 +316,6 @@ class RobustMethod(Method):
                 is_related=found.is_related,
                 laid=tuple(piece for piece in found.laid if piece.std_m <= MOST_STD_M),
                 unsure=frozenset(piece.index for piece in found.laid if piece.std_m > MOST_STD_M),
-                joints=seamed.joints,
                 weak=seamed.weak if found.is_related else (),
             )
 
@@ -336,11 +331,6 @@ class RobustMethod(Method):
     def why_unusable(self, view_index: int) -> str:
         """Return why a view shows too little cloth; empty if it shows enough."""
         return self.seen.why_unusable(view_index)
-
-    def contradicting(self, document: Document) -> dict[int, float]:
-        """Return the views of a document that the others contradict, each with the share of its pairs."""
-        shares = self.shapes.of(document).contradictions
-        return {view: share for view, share in shares.items() if share > MOST_CONTRADICTION}
 
     # ------------------------------------------------- what the rest of the program asks
 

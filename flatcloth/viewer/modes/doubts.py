@@ -198,7 +198,7 @@ class DoubtService:
         def decide(how: str, there: Rigid2) -> Sequence[Command]:
             part = decided_part(cloth, joint.part, sure, taken_off=how != "keep")
             place = placed_by_hand(part, there) if how == "place" else None
-            return (replace(part, by_hand=True, place=place),)
+            return (replace(part, place=place),)
 
         return doubt, decide
 

@@ -114,19 +114,12 @@ def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say
 
 
 @pytest.mark.parametrize(("strength", "is_torn"), [(0.05, True), (200.0, False)])
-def test_a_false_link_of_this_side_is_told_by_the_seam_that_contradicts_it(
-    strength: float, is_torn: bool
-) -> None:
-    """It is taken off if hardly any cloth joins it; otherwise it is as unsure as the seam is sure."""
+def test_a_seam_that_needs_a_false_link_of_this_side_joins_nothing(strength: float, is_torn: bool) -> None:
+    """It needs one if hardly any cloth joins that: then a sure seam contradicts it."""
     shape, flat, _ = falsely_joined(is_other=False, strength=strength)
     believed = side(EVERYTHING, is_other=True, strength=40.0)
     pieces = [flat], [raster(believed, UV, is_other=True)]
     found = join_sides(shape, believed, pieces, bordered(pieces))
-    told = [joint for joint in found.joints if joint.part.any()]
-    assert any(joint.is_false for joint in told) == is_torn
-    for joint in told:
-        assert (joint.part == ON_RIGHT).all() or (joint.part == ~ON_RIGHT).all()
-        assert (joint.std_m > 0.0) == (joint.false > 0.005)
     assert any("this side" in link.why for link in found.links) == is_torn
 
 

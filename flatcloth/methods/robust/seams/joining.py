@@ -17,7 +17,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int64, LaidPiece
 from flatcloth.flattening.borders import SPACING_M
-from flatcloth.methods.answers import DoubtedJoint, Ends, OtherJoint, Seam
+from flatcloth.methods.answers import Ends, OtherJoint, Seam
 from flatcloth.methods.robust.seams.laying import Both, joined_pieces, laid_piece, nodes_on, with_laid
 from flatcloth.methods.robust.seams.links import (
     Matches,
@@ -32,7 +32,7 @@ from flatcloth.session.garment import DecidedSeam
 from flatcloth.shape.algorithm import LaidOut, laid_out
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, merged, pairs_as_laid, pairs_within, rotations_at, uv_of, z_of
-from flatcloth.shape.joints import WeakJoint, doubt_m, doubt_of, evidence_of, seen_often, weak_joints
+from flatcloth.shape.joints import WeakJoint, doubt_m, evidence_of, seen_often, weak_joints
 from flatcloth.shape.observations import PAIR_INTERVALS
 from flatcloth.shape.pieces import both_ends
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
@@ -65,8 +65,8 @@ class Seamed:
 
     ``both`` has the nodes of ``this``, of the ``other`` and of the places on seams, in this order; ``std_m``
     are the deviations of the nodes of each side; ``joining`` (K,) of the ``matches`` join. ``floating`` are
-    the nodes of each floating piece of this side, as it is drawn; ``joints`` what the seams say against the
-    cloth of this side, ``weak`` where cloth of the other side may hang falsely.
+    the nodes of each floating piece of this side, as it is drawn; ``weak`` where cloth of the other side may
+    hang falsely.
     """
 
     floating: tuple[Int64, ...]
@@ -77,7 +77,6 @@ class Seamed:
     joining: Int64
     matches: Matches
     links: tuple[SeamLink, ...]
-    joints: tuple[DoubtedJoint, ...]
     weak: tuple[OtherJoint, ...]
 
 
@@ -141,7 +140,6 @@ def join_sides(
         joining=joining,
         matches=matches,
         links=tuple(links),
-        joints=tuple(_of_this_side(this, joint) for joint in joints if joint.side == 0),
         weak=tuple(
             OtherJoint(share=share, probability=1.0 - joint.false, evidence=joint.evidence)
             for joint in weak
@@ -295,15 +293,6 @@ def _own_graph(shape: Shape) -> Graph:
         evidence=graph.evidence[used],
         views=graph.views[used],
     )
-
-
-def _of_this_side(this: Shape, joint: SideJoint) -> DoubtedJoint:
-    """Return a joint of this side, with the smaller part of the piece that it joins."""
-    own = this.placed if joint.piece == 0 else this.piece == joint.piece
-    part = min((own & joint.part, own & ~joint.part), key=np.count_nonzero)
-    extent_m = np.ptp(this.all_uv_m[own], axis=0).max()
-    std_m = float(doubt_of(np.array(joint.false), extent_m))
-    return DoubtedJoint(part=part, false=joint.false, is_false=joint.is_false, std_m=std_m)
 
 
 def _doubted(

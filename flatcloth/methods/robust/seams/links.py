@@ -121,7 +121,8 @@ class SideJoint:
     """Cloth of a ``side`` (0 this, 1 the other) that joins a ``part`` (N,) of the nodes of a ``piece``.
 
     ``evidence`` joins it; ``false`` is the probability that it does so falsely, ``is_false`` whether it is
-    taken for false. Torn there, fewer true edges speak against the sets at its ends: by ``relief`` e-folds.
+    torn, which cloth of this side never is. Torn there, fewer true edges speak against the sets at its ends:
+    by ``relief`` e-folds.
     """
 
     side: int
@@ -188,11 +189,11 @@ def linked(
             links[n] = link
     side = np.zeros(len(other.nodes), dtype=np.int64)  # the part of each node
     for joint in joints:
-        if joint.side == 1 and joint.is_false:
+        if joint.is_false:
             part = joint.part & (other.piece == joint.piece)
             side = np.unique(2 * side + part, return_inverse=True)[1].ravel()
     parted, matches = _taken_apart(other, side, matches, at[1])
-    kept = [joint for joint in joints if joint.side == 0 or not joint.is_false]
+    kept = [joint for joint in joints if not joint.is_false]
     return parted, matches, [_renumbered(link, parted.piece[at[1]]) for link in links], kept
 
 
@@ -225,7 +226,7 @@ def _decided(
         worst = max(both, key=lambda each: each.false)
         for each in both:
             chance = min(1.0, each.false * found.false[pair] / max(false[pair], 1e-300))
-            is_false = each is worst and pair in found.needs and (each.side == 1 or chance > SURE)
+            is_false = each is worst and each.side == 1 and pair in found.needs
             if chance > 0.5 * NEGLIGIBLE:
                 joints.append(replace(each, false=chance, is_false=is_false))
         if worst.side == 0 and pair in found.needs:
