@@ -23,7 +23,7 @@ KEPT_FOR = {
     ),
     "concerns false links, which these recordings do not have (`python -m benchmarks accuracy`)": (
         "LEAST_CORE", "LEAST_EVIDENCE", "MOST_CUT_EVIDENCE",
-        "MOST_DRIFT_M", "MOST_STD_M", "TWO_ROWS_M", "_FALSE_SHARE", "_TRIANGLES",
+        "MOST_DRIFT_M", "MOST_STD_M", "TWO_ROWS_M", "_FALSE_SHARE",
     ),
     "is about what these recordings lack: openings in the outline, grippers, small items, uneven turns": (
         "HOLE_M", "_UNLIKE", "_SMALL_SHARE", "LEAST_ITEM_M2", "_FURTHER_DEG",

@@ -20,8 +20,8 @@ from flatcloth.flattening.reading import read_attributes
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier, nearest_samples
+from flatcloth.shape.graph import both_ends
 from flatcloth.shape.observations import FRONTAL_NOISE, INCIDENCE_LIMIT_DEG, Observation
-from flatcloth.shape.pieces import both_ends
 from flatcloth.shape.rims import with_placement_std
 from flatcloth.shape.shape import TWO_ROWS_M, Shape
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import Rigid3, tangent_basis
-from flatcloth.core.types import Complex128, Float64, Int32, Int64
+from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.observations import Nodes, Observation
 
 ANOTHER_LAYER_M = 0.0018
@@ -216,6 +216,11 @@ def pairs_as_laid(
         evidence=np.full(len(way), evidence),
         views=np.full(len(way), graph.views.max(initial=1)),
     )
+
+
+def both_ends(flags: Bool, edges: Int32 | Int64) -> Bool:
+    """Return for pairs (M, 2) of nodes whether the flags (N,) of both are set."""
+    return flags[edges[:, 0]] & flags[edges[:, 1]]
 
 
 def pairs_once(edges: Int32) -> tuple[Int32, Int32]:

@@ -18,8 +18,14 @@ from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 
 from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
-from flatcloth.shape.pieces import LEAST_EVIDENCE, LEAST_PIECE, both_ends
+from flatcloth.shape.graph import both_ends
 
+LEAST_EVIDENCE = 2.0
+"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
+Set by hand."""
+LEAST_PIECE = 12
+"""Fewest nodes of a piece that is kept, of a part that is doubted, and of an overlap that counts. Set by
+hand."""
 _FALSE_SHARE = 1.0 / 9.0
 """Of parts that hardly any evidence joins, this share is false; beyond ``LEAST_EVIDENCE`` it falls with the
 square. Measured on 43 noisy shapes: 9 of 114 with less than 1, 5 of 142 up to 4, 8 of 1,994 up to 64."""
@@ -72,7 +78,7 @@ def doubt_m(
     ``z`` (N,) are the places of the nodes.
     """
     away_m = np.abs(z - z[own].mean())
-    node, before, size, joins = _branches_of(pairs, evidence, own, reference, kept)
+    node, before, size, joins = branches_of(pairs, evidence, own, reference, kept)
     weakest = joins * np.where(size < LEAST_PIECE, _FEW_NODES, 1.0)
     weakest[0] = np.inf
     for k in range(1, len(node)):
@@ -119,7 +125,7 @@ def weak_joints(
     Arguments are those of :func:`doubt_m`, whose doubt this explains. Of branches that have most of their
     nodes in common the weakest is the joint, and cloth behind it has no other one.
     """
-    node, _, size, joins = _branches_of(pairs, evidence, own, reference, kept)
+    node, _, size, joins = branches_of(pairs, evidence, own, reference, kept)
     weak = (size >= LEAST_PIECE) & (joins < evidence_of(0.5 * NEGLIGIBLE))
     found = dict[int, WeakJoint]()
     for k in np.argsort(np.where(weak, joins, np.inf), kind="stable")[: weak.sum()].tolist():
@@ -132,8 +138,8 @@ def weak_joints(
     return sorted(found.values(), key=lambda joint: -joint.false * np.count_nonzero(joint.part))
 
 
-def _branches_of(
-    pairs: Int32, evidence: Float64, own: Bool, reference: Bool | None, kept: Sequence[Bool]
+def branches_of(
+    pairs: Int32, evidence: Float64, own: Bool, reference: Bool | None = None, kept: Sequence[Bool] = ()
 ) -> tuple[Int64, Int64, Int64, Float64]:
     """Return the branches (K,) of cloth that hang on the middle of the reference, each after what holds it.
 

@@ -1,30 +1,25 @@
 """Pieces of cloth: what enough evidence joins, and what must come apart since it would lie on other cloth.
 
 Where two layers touch, a sensor's ramp or a shallow step can connect them by one or two pairs; everything
-connected to the second layer would then be placed next to the first. Many pairs that form triangles connect
-a real sheet. Cloth is flattened without stretching, so points that come to lie side by side on the plane are
-side by side in space. Where they are not, a false link joins what is apart.
+connected to the second layer would then be placed next to the first. Such joints are not believed at all;
+those of more evidence are doubted (:mod:`flatcloth.shape.joints`). Cloth is flattened without stretching, so
+points that come to lie side by side on the plane are side by side in space. Where they are not, a false link
+joins what is apart.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from flatcloth.core.graphs import components, cut_between
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.graph import Graph, pairs_once, uv_of
+from flatcloth.shape.joints import LEAST_EVIDENCE, LEAST_PIECE, branches_of
 
-LEAST_EVIDENCE = 2.0
-"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
-Set by hand."""
 LEAST_CORE = 40
-"""Fewest nodes, joined by triangles, of a part that needs so much evidence; smaller ones are joined by any.
-Set by hand."""
-LEAST_PIECE = 12
-"""Fewest nodes of a piece that is kept, of a part that is doubted, and of an overlap that counts. Set by
-hand."""
+"""Fewest nodes of a part that needs so much evidence to be joined; smaller ones are joined by any. Set by
+hand: with 12, a tenth of what is called reliable of one kept-back shirt is wrong."""
 TWICE_M = 0.015
 """The same cloth at two positions farther apart on the plane (a little more than the distance of nodes) is
 present twice. Nodes nearer than this on the plane and more than three times as far apart in space lie on
@@ -32,8 +27,6 @@ one another: no noise explains that. Set by hand."""
 MOST_CUT_EVIDENCE = 20.0
 """Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
 hand."""
-_TRIANGLES = 3
-"""A pair is firm if at least this many nodes are neighbours of both its ends. Set by hand."""
 
 
 def pieces_of(graph: Graph, holds: Bool, vouched: Bool) -> Int32:
@@ -42,16 +35,33 @@ def pieces_of(graph: Graph, holds: Bool, vouched: Bool) -> Int32:
     Only what hangs together by pairs is a piece; there is always one. Two of the pairs that the operator
     ``vouched`` (P,) for join two pieces.
     """
-    first, second = graph.pairs[vouched].T
-    label = _joined(_connected(graph, holds & ~vouched), first, second, graph.evidence[vouched])
-    inside = holds & (label[graph.pairs[:, 0]] == label[graph.pairs[:, 1]])
-    part = components(len(graph), graph.pairs[inside])
+    part = _cut_at_joints(graph, holds & ~vouched)
+    ends, which = pairs_once(part[graph.pairs[vouched]])
+    part = components(len(graph), ends[np.bincount(which, minlength=len(ends)) >= 2])[part]
     size = np.bincount(part)
     order = np.argsort(-size, kind="stable")
     order = order[size[order] >= min(LEAST_PIECE, size.max())]
     number = np.full(len(size), -1, dtype=np.int32)
     number[order] = np.arange(len(order), dtype=np.int32)
     return number[part]
+
+
+def _cut_at_joints(graph: Graph, holds: Bool) -> Int32:
+    """Return the part of cloth (N,) that each node belongs to, by the pairs that hold (P,).
+
+    Cloth is cut where less than ``LEAST_EVIDENCE`` joins a branch of it to the rest, the weakest joint first,
+    and both have at least ``LEAST_CORE`` nodes then.
+    """
+    part, evidence = components(len(graph), graph.pairs[holds]), np.where(holds, graph.evidence, 0.0)
+    for whole in np.flatnonzero(np.bincount(part) >= 2 * LEAST_CORE).tolist():
+        node, _, size, joins = branches_of(graph.pairs, evidence, part == whole)
+        weak = (joins < LEAST_EVIDENCE) & (np.minimum(size, len(node) - size) >= LEAST_CORE)
+        for k in np.flatnonzero(weak)[np.argsort(joins[weak], kind="stable")].tolist():
+            behind, here = node[k : k + size[k]], part == part[node[k]]
+            behind = behind[here[behind]]
+            if len(behind) >= LEAST_CORE and here.sum() - len(behind) >= LEAST_CORE:
+                part[behind] = part.max() + 1
+    return part
 
 
 def with_main(piece: Int32, before: Bool, *cut: Bool) -> Int32:
@@ -81,72 +91,6 @@ def cut_of_overlap(graph: Graph, holds: Bool, piece: Int32, z: Complex128, by_ha
         if strength <= MOST_CUT_EVIDENCE and smaller.sum() >= LEAST_PIECE:
             cut[within[weakest]] = True
     return cut
-
-
-def _connected(graph: Graph, holds: Bool) -> Int32:
-    """Return the part of cloth (N,) that each node belongs to, by the pairs that hold (P,).
-
-    Cores are parts connected by triangles, of at least ``LEAST_CORE`` nodes; all other nodes join the core
-    with the largest evidence. Two cores are joined if the pairs between them have enough evidence together.
-    """
-    n, edges, evidence = len(graph), graph.pairs[holds], graph.evidence[holds]
-    i, j = edges.T.copy()
-    core_of = components(n, edges[_neighbours_in_common(n, edges) >= _TRIANGLES])
-    is_core = np.bincount(core_of) >= LEAST_CORE
-    label = _grown(np.where(is_core[core_of], core_of, -1), i, j, evidence)
-    rest = label < 0
-    label[rest] = n + components(n, edges[rest[i] & rest[j]])[rest]
-    label = np.unique(label, return_inverse=True)[1].astype(np.int32)
-    return _joined(label, i, j, evidence)
-
-
-def both_ends(flags: Bool, edges: Int32 | Int64) -> Bool:
-    """Return for pairs (M, 2) of nodes whether the flags (N,) of both are set."""
-    return flags[edges[:, 0]] & flags[edges[:, 1]]
-
-
-def _neighbours_in_common(n: int, edges: Int32) -> Int32:
-    """Count for each pair (M, 2) of n nodes what both ends neighbour."""
-    joined = csr_array((np.ones(len(edges), dtype=np.int32), edges.T), shape=(n, n))
-    both_ways = joined + joined.T
-    counts: Int32 = (both_ways @ both_ways)[edges[:, 0], edges[:, 1]]
-    return counts
-
-
-def _grown(label: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
-    """Give each node without a label (-1) that of the neighbours with the most evidence, layer by layer."""
-    names, compact = np.unique(label, return_inverse=True)
-    own = (compact - 1 if names[0] < 0 else compact).astype(np.int64)
-    count = int(own.max()) + 1
-    if count == 0:
-        return label
-    from_i, from_j = np.flatnonzero(own[i] < 0), np.flatnonzero(own[j] < 0)
-    ends, others = np.concatenate([i[from_i], j[from_j]]), np.concatenate([j[from_i], i[from_j]])
-    weight = evidence[np.concatenate([from_i, from_j])]
-    voters, voter = np.unique(ends, return_inverse=True)
-    while (own[voters] < 0).any():
-        says = own[others] >= 0
-        votes = np.bincount(voter[says] * count + own[others[says]], weight[says], voters.size * count)
-        votes = votes.reshape(voters.size, count)
-        is_open = (own[voters] < 0) & votes.any(axis=1)
-        best = np.where(is_open, votes.argmax(axis=1), own[voters])
-        if (best == own[voters]).all():
-            break
-        own[voters] = best
-    grown: Int32 = np.where(own >= 0, names[names >= 0][own], -1).astype(np.int32)
-    return grown
-
-
-def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
-    """Join parts if the pairs between them have enough evidence."""
-    while True:
-        ends = np.stack([piece[i], piece[j]], axis=1)
-        across = ends[:, 0] != ends[:, 1]
-        joined, which = pairs_once(ends[across])
-        strong = np.bincount(which, evidence[across], len(joined)) >= LEAST_EVIDENCE
-        if not strong.any():
-            return piece
-        piece = components(int(piece.max()) + 1, joined[strong])[piece]
 
 
 def overlapping_pairs(uv_m: Float64, xyz_m: Float64) -> Int64:

@@ -9,8 +9,8 @@ from made_up_sheets import STEP_M, exact_graph, grid, neighbours, off_m, on_cyli
 from flatcloth.core.types import Bool, Int32
 from flatcloth.shape.algorithm import laid_out
 from flatcloth.shape.graph import Graph
+from flatcloth.shape.joints import LEAST_PIECE
 from flatcloth.shape.pieces import (
-    LEAST_PIECE,
     MOST_CUT_EVIDENCE,
     overlapping_pairs,
     pieces_of,

@@ -34,7 +34,6 @@ from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, merged, pairs_as_laid, pairs_within, rotations_at, uv_of, z_of
 from flatcloth.shape.joints import WeakJoint, doubt_m, evidence_of, seen_often, weak_joints
 from flatcloth.shape.observations import PAIR_INTERVALS
-from flatcloth.shape.pieces import both_ends
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 _SEAM_EVIDENCE = 0.1
@@ -283,7 +282,7 @@ def _own_graph(shape: Shape) -> Graph:
     Nodes that a side by itself could not place would join what it keeps apart.
     """
     graph = shape.graph
-    used = shape.holds & both_ends(shape.has_place, graph.pairs)
+    used = shape.holds & shape.has_place[graph.pairs].all(axis=1)
     return replace(
         graph,
         pairs=graph.pairs[used],

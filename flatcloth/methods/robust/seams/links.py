@@ -25,8 +25,7 @@ from flatcloth.methods.robust.seams.rims import Rim, meeting
 from flatcloth.segmentation.settings import SURE
 from flatcloth.shape.algorithm import as_decided
 from flatcloth.shape.graph import z_of
-from flatcloth.shape.joints import NEGLIGIBLE, DecidedParts, seen_often
-from flatcloth.shape.pieces import LEAST_PIECE
+from flatcloth.shape.joints import LEAST_PIECE, NEGLIGIBLE, DecidedParts, seen_often
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 _LOG_ODDS = (1.17, 1.78, -1.51)
