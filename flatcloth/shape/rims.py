@@ -1,4 +1,4 @@
-"""Where the outlines of noisy views and weakly joined nodes may have another layer's depth."""
+"""Where the outlines of noisy views may have another layer's depth."""
 
 from __future__ import annotations
 
@@ -17,33 +17,25 @@ from flatcloth.shape.shape import Shape
 
 _OTHER_LAYER_M = 0.012
 """Another layer is nearer or farther by at least this. It is also the standard deviation of what may have the
-depth of another layer: outlines of noisy views next to it, half a ramp wide and as far from it, and nodes
-that hardly any evidence joins. Set by hand."""
-_WEAK_STD_M = 0.005
-"""A node joined to others by evidence e is off by this over e, because much of what is seen once and steeply,
-at outlines, has another layer's depth. Set by hand."""
+depth of another layer: outlines of noisy views next to it, half a ramp wide and as far from it. Set by
+hand."""
 
 
 def with_placement_std(view: FlattenedView, shape: Shape, surfaces: Mapping[int, Surface]) -> FlattenedView:
     """Return a view of a shape with the standard deviation of each pixel's place.
 
-    Each pixel takes the standard deviation of the node nearest to it on the plane. It is larger where hardly
-    any evidence joins the node to others, and where the pixel's view is noisy and shows another layer next to
-    it, whose depth may be mixed in.
+    Each pixel takes the standard deviation of the node nearest to it on the plane. It is larger where the
+    pixel's view is noisy and shows another layer next to it, whose depth may be mixed in.
     """
     nodes = np.flatnonzero(np.isfinite(shape.std_m))
     if not nodes.size:
         return view
-    pairs, of_pairs = shape.graph.pairs[shape.holds], shape.graph.evidence[shape.holds]
-    evidence = np.bincount(pairs.ravel(), np.repeat(of_pairs, 2), len(shape.graph))
-    weak_m = _WEAK_STD_M / np.maximum(evidence, 1e-9)
-    std_m = np.hypot(shape.std_m, np.minimum(weak_m, _OTHER_LAYER_M))
     rows, cols = view.shape
     block_px = max(1, round(0.5 * LEAST_INTERVAL_M / view.pixel_size_m))  # half the distance of nodes
     along = (np.arange(0, size + block_px, block_px) for size in (rows, cols))
     coarse = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
     _, nearest = cKDTree(shape.all_uv_m[nodes]).query(view.uv_from_rc(coarse))
-    values = std_m[nodes][nearest].astype(np.float32)
+    values = shape.std_m[nodes][nearest].astype(np.float32)
     smooth = cv2.resize(values, None, fx=block_px, fy=block_px, interpolation=cv2.INTER_LINEAR)
     # cv2 aligns the corners of pixels: the value of a coarse pixel is at the centre of its block.
     shift = block_px // 2

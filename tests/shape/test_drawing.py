@@ -147,16 +147,6 @@ def test_a_pixel_is_as_sure_as_the_node_nearest_to_it(made: Shape, view: Flatten
     assert np.median(seen[view.valid][u > 0.02]) == pytest.approx(0.009, abs=0.0002)
 
 
-def test_what_hardly_any_evidence_joins_is_less_sure(made: Shape, view: FlattenedView) -> None:
-    weak = replace(made, graph=replace(made.graph, evidence=0.05 * made.graph.evidence))
-    usual, found = (with_placement_std(view, each, SURFACES).placement_std_m for each in (made, weak))
-    assert usual is not None
-    assert found is not None
-    more = np.sqrt(np.square(found[view.valid]) - np.square(usual[view.valid]))
-    assert np.median(more) > 0.002
-    assert more.max() <= 0.0125  # no farther off than another layer is
-
-
 def beside_a_layer(layer_m: float, *, noisy: bool) -> Surface:
     """A sheet at 0.85 m whose left outline is beside a layer, all on one item."""
     depth, columns = plane(), np.arange(240)
