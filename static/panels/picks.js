@@ -33,11 +33,9 @@ export class PicksPanel extends PagePart {
   // --- the current pick --------------------------------------------------------------------------
 
   present(/** @type {CurrentPick} */ pick) {
-    const copy = smallButton("Copy", () => this.copy(), { key: "copy", tip: "Copy all numbers in metres" });
-    copy.append(make("kbd", "C"));
     const angle = `${number(pick.angle_deg, 0)}°`;
     return [
-      heading(pick.name, copy),
+      heading(pick.name, this.page.smallButton("copy", "Copy")),
       values(
         ["Place, mm", vector(pick.position_held_m, 1, 1000), "x y z in the object frame"],
         [

@@ -2,7 +2,6 @@
 
 import { PagePart } from "../page/page.js";
 import { applied, unapplied } from "../canvas/geometry.js";
-import { drawDot, strokeRimmed } from "../canvas/marks.js";
 import { byId, closeButton, make, rebuild, setText } from "../page/dom.js";
 import { cm2, number } from "../page/format.js";
 
@@ -250,22 +249,23 @@ export class Repair extends PagePart {
     return { pair, index, end, ...this.canvas.transform.toPane(...place) };
   }
 
-  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Pen} */ pen) {
     const ends = this.ends();
+    const { context } = pen;
     context.font = "600 12px system-ui, sans-serif";
     context.textAlign = "center";
     context.textBaseline = "middle";
     for (const { pair, x, y, end } of ends) {
       if (end !== "own" || !pair.shape) continue;
-      const to = this.canvas.transform.toPane(...pair.shape);
-      strokeRimmed(context, style.getPropertyValue("--accent"), 2, () => {
+      const to = pen.at(pair.shape);
+      pen.rimmed("--accent", 2, () => {
         context.moveTo(x, y);
         context.lineTo(to.x, to.y);
       });
     }
     for (const { index, end, x, y } of ends) {
-      drawDot(context, { x, y }, style.getPropertyValue(end === "own" ? "--text" : "--accent"), 9, 2);
-      context.fillStyle = style.getPropertyValue(end === "own" ? "--panel" : "--on-accent");
+      pen.dot({ x, y }, end === "own" ? "--text" : "--accent", 9, 2);
+      context.fillStyle = pen.color(end === "own" ? "--panel" : "--on-accent");
       context.fillText(String(index + 1), x, y + 0.5);
     }
     context.textAlign = "start";
