@@ -207,10 +207,11 @@ function decide(/** @type {string} */ name, more = {}) {
 function run(/** @type {string} */ name, large = false) {
   if (!page.state || teaching?.takes(name)) return;
   if (name.startsWith("teach_")) return notify("info", "Open the teaching mode first (H).");
-  if (name === "cancel" && page.offer("escape")) return;
-  const action = page.action(name);
+  const isKept = acceptsOnceDrawn; // what is done now takes its place
   acceptsOnceDrawn = name === "accept" && isProposalAwaited() && performance.now() - decidedMs >= AGAIN_MS;
   if (acceptsOnceDrawn) return notify("info", "The view is accepted once it is drawn; Esc takes this back.");
+  if (name === "cancel" && (isKept || page.offer("escape"))) return;
+  const action = page.action(name);
   if (isMove(name) && page.doubts.held) return nudges.move(name, large ? 10 : 1);
   if (action.why_not !== null) {
     // Escape closes things all the time; it needs no lecture.

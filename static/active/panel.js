@@ -10,7 +10,7 @@ export class ActivePanel extends PagePart {
   /** Take a state of the page; other modes have no loop. */
   update(/** @type {State} */ state) {
     const { active: status, garment } = state;
-    section("active", "active", status && [status, garment?.found?.points], () => status && this.parts(status));
+    section("active", status && [status, garment?.found?.points], () => status && this.parts(status));
   }
 
   parts(/** @type {ActiveStatus} */ status) {

@@ -393,7 +393,7 @@ export class DoubtsPanel extends PagePart {
     const isDropped = this.grabbed !== null;
     if (!isDropped) this.chosen = same >= 0 ? same : null;
     if (this.choice?.title === title) this.decide();
-    if (isDropped) this.grabbed = null;
+    if (isDropped && !this.later) this.grabbed = null;
   }
 
   /** A click asks about the cloth there. */

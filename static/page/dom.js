@@ -285,10 +285,10 @@ export function rebuild(container, key, build) {
 }
 
 /**
- * Rebuild a part of a section of the page; without a key there is nothing to show, and the section is hidden.
- * @param {string} id @param {string} part @param {unknown} key @param {() => Child} build
+ * Rebuild a section of the page, or a part of it; without a key there is nothing to show, and the section is hidden.
+ * @param {string} id @param {unknown} key @param {() => Child} build
  */
-export function section(id, part, key, build) {
+export function section(id, key, build, part = id) {
   byId(id).hidden = !key;
   if (key) rebuild(byId(part), key, build);
 }

@@ -15,12 +15,8 @@ export class ProposalPanel extends PagePart {
   update(/** @type {State} */ state) {
     const { pending, settings, layers } = state;
     const drawn = this.canvas.overlay.shown?.revision;
-    section(
-      "proposal",
-      "proposal-values",
-      pending && [pending, settings.auto_threshold, layers?.revision, drawn],
-      () => this.parts(state, /** @type {Pending} */ (pending)),
-    );
+    const key = pending && [pending, settings.auto_threshold, layers?.revision, drawn];
+    section("proposal", key, () => pending && this.parts(state, pending), "proposal-values");
     const waits = Boolean(this.armed) && this.armed === placeOf(state);
     if (!waits) this.armed = null;
     buttonOf("accept")?.classList.toggle("caution", waits);

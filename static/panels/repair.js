@@ -2,7 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { applied, unapplied } from "../canvas/geometry.js";
-import { byId, closeButton, make, rebuild, setText } from "../page/dom.js";
+import { byId, closeButton, make, section, setText } from "../page/dom.js";
 import { cm2, number } from "../page/format.js";
 
 const REACH_PX = 11;
@@ -48,9 +48,8 @@ export class Repair extends PagePart {
 
   /** The connected parts of the view, if it has several: which one is placed. */
   showPieces(/** @type {Pending} */ { pieces, view_index }) {
-    const box = byId("pieces");
-    box.hidden = pieces.length < 2;
-    rebuild(box, [pieces, view_index], () => pieces.map((piece) => this.piece(piece, view_index)));
+    const key = pieces.length > 1 && [pieces, view_index];
+    section("pieces", key, () => pieces.map((piece) => this.piece(piece, view_index)));
   }
 
   piece(/** @type {Pending["pieces"][number]} */ piece, /** @type {number} */ view_index) {
@@ -183,10 +182,9 @@ export class Repair extends PagePart {
   }
 
   showPairs() {
-    const box = byId("pairs");
-    box.hidden = !this.picking && !this.pairs.length;
     const enough = this.whole().length > 1;
-    rebuild(box, [this.picking, this.pairs.length, this.pairs.map((p) => Boolean(p.shape)), this.fit], () => [
+    const isShown = this.picking || this.pairs.length > 0;
+    section("pairs", isShown && [this.picking, this.pairs.map((p) => Boolean(p.shape)), this.fit], () => [
       make("p.note", this.nextClick()),
       this.pairs.length > 0 && make("ol.pairs", ...this.pairs.map((pair, i) => this.row(pair, i))),
       enough &&

@@ -2,7 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { askPicture, Fetched } from "../page/connection.js";
-import { byId, make, rebuild, setText, within } from "../page/dom.js";
+import { byId, make, section, setText, within } from "../page/dom.js";
 import { mm } from "../page/format.js";
 
 const RADII_MM = [4, 6, 8, 10, 15, 20, 30];
@@ -75,9 +75,8 @@ export class SidesPanel extends PagePart {
 
   show(/** @type {NonNullable<State["sides"]>} */ known) {
     setText(byId("sides-text"), known.text);
-    const conflicts = byId("sides-conflicts");
-    conflicts.hidden = !known.conflicts.length;
-    rebuild(conflicts, known.conflicts, () => known.conflicts.map((text) => make("li", text)));
+    const { conflicts } = known;
+    section("sides-conflicts", conflicts.length > 0 && conflicts, () => conflicts.map((text) => make("li", text)));
     this.showRadius();
   }
 

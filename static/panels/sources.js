@@ -10,7 +10,7 @@ import {
   isPlain,
   make,
   onWheel,
-  rebuild,
+  section,
   setText,
   setTitle,
   showWords,
@@ -270,24 +270,20 @@ export class SourcePanel extends PagePart {
 
   /** How much of the view is in which state, below its image. */
   showShares(/** @type {string | null} */ address) {
-    const box = byId("source-states");
-    box.hidden = !address;
     this.shares.want(address);
-    rebuild(box, [address, this.shares.value], () => (this.shares.value ?? []).map(shareRow));
+    section("source-states", address && [address, this.shares.value], () => this.shares.value?.map(shareRow));
   }
 
   showSeen() {
     const { pick } = this;
     const seen = this.seenIn.value;
-    byId("source-seen").hidden = !pick;
-    if (!pick) return;
-    rebuild(byId("source-seen"), [pick.id, pick.name, seen, this.view], () => {
-      if (!seen) return [make("p.nothing", `Looking for ${pick.name} in every view.`)];
+    section("source-seen", pick && [pick.id, pick.name, seen, this.view], () => {
+      if (!seen) return make("p.nothing", `Looking for ${pick?.name} in every view.`);
       const others = Object.entries(seen.hidden)
         .filter(([, n]) => n)
         .map(([why, n]) => `${n} ${HIDDEN[why]}`)
         .join(", ");
-      const title = `${pick.name}: seen in ${seen.seen.length} of ${count(seen.n_views, "view")}`;
+      const title = `${pick?.name}: seen in ${seen.seen.length} of ${count(seen.n_views, "view")}`;
       return [
         make("p", { tip: others ? `The others: ${others}.` : "" }, title),
         make("div.thumbs", { role: "group", label: title }, ...seen.seen.map((one) => this.thumb(one))),
