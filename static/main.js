@@ -13,7 +13,7 @@ import { GESTURES, showCommands } from "./page/commands.js";
 import { Connection } from "./page/connection.js";
 import { Dial, SceneMarks } from "./page/scene_marks.js";
 import { byId, showWords } from "./page/dom.js";
-import { showExports } from "./page/exports.js";
+import { showExports, startExports } from "./page/exports.js";
 import { number } from "./page/format.js";
 import { Hover } from "./page/hover.js";
 import { startKeys } from "./page/keys.js";
@@ -54,9 +54,13 @@ const canvas = (page.canvas = new FlatCanvas({
   released: (moved) => page.doubts.dropped(moved),
   mayDrag: () => Boolean(page.state?.pending),
   moving: (by) => page.each("moving", by),
-  placed: () => page.each("placed"),
+  placed() {
+    page.each("placed");
+    acceptOnceDrawn();
+  },
   shown: () => settle(),
 }));
+let acceptsOnceDrawn = false; // Accept was pressed before the proposal was drawn
 let decidedMs = -Infinity; // when the last verdict was given
 const nudges = new KeyNudges(page, sendMove);
 const hover = page.add(new Hover(page));
@@ -141,6 +145,7 @@ function show(/** @type {State} */ state) {
   if (page.hasCamera) showFrame(state);
   else showLayer(page.state);
   takeServerLog(state.log, state.auto.running);
+  acceptOnceDrawn();
 }
 
 function showFrame(/** @type {State} */ state) {
@@ -153,7 +158,7 @@ function showFrame(/** @type {State} */ state) {
 }
 
 function drawFrame(/** @type {FrameInfo} */ frame, /** @type {Shown | null} */ shown) {
-  canvas.showFrame(shown, 0, frame.pick_uv_m);
+  canvas.showFrame(shown, frame.pick_uv_m);
   canvas.draw(); // at once: this is an animation frame, and what is acknowledged has been drawn
   showWords(byId("empty"), shown ? "" : frame.reason);
 }
@@ -174,6 +179,20 @@ function whyEmpty(/** @type {State} */ { trouble, start_view, phase }) {
 
 // --- do ----------------------------------------------------------------------------------------
 
+/** Whether the proposal is on its way: it is being computed, or drawn. */
+function isProposalAwaited() {
+  const { phase, request, pending, drawing, layers } = page.thisSide;
+  if (phase === "computing") return request !== null && request.kind !== "start";
+  return pending !== null && (drawing || canvas.overlay.shown?.revision !== layers?.overlay?.revision);
+}
+
+/** Accept was pressed too early: it is done when the proposal is seen, if nothing else was done meanwhile. */
+function acceptOnceDrawn() {
+  if (!acceptsOnceDrawn || isProposalAwaited()) return;
+  acceptsOnceDrawn = false;
+  if (page.thisSide.pending) run("accept");
+}
+
 function decide(/** @type {string} */ name, more = {}) {
   const action = /** @type {import("./page/messages").Do["action"]} */ (name);
   nudges.flush();
@@ -188,7 +207,10 @@ function decide(/** @type {string} */ name, more = {}) {
 function run(/** @type {string} */ name, large = false) {
   if (!page.state || teaching?.takes(name)) return;
   if (name.startsWith("teach_")) return notify("info", "Open the teaching mode first (H).");
-  if (name === "cancel" && page.offer("escape")) return;
+  const isKept = acceptsOnceDrawn; // what is done now takes its place
+  acceptsOnceDrawn = name === "accept" && isProposalAwaited() && performance.now() - decidedMs >= AGAIN_MS;
+  if (acceptsOnceDrawn) return notify("info", "The view is accepted once it is drawn; Esc takes this back.");
+  if (name === "cancel" && (isKept || page.offer("escape"))) return;
   const action = page.action(name);
   if (isMove(name) && page.doubts.held) return nudges.move(name, large ? 10 : 1);
   if (action.why_not !== null) {
@@ -241,7 +263,7 @@ const PAGE_ACTIONS = {
     if (!send({ type: "set", values: { follow: !on } })) return;
     notify("info", on ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
   },
-  export: () => showExports(notify, page.state),
+  export: () => showExports(page.state),
   home: () => location.assign("start"),
   log: showLog,
   theme: toggleTheme,
@@ -274,6 +296,7 @@ byId("cancel").addEventListener("click", () => run("cancel"));
 onTheme(() => page.redrawMarks()); // their colours are those of the theme
 applyTheme();
 startTips();
+startExports(notify, () => page.state);
 startScene(startKeys({ state: () => page.state, modes: modesNow, mayMove, run }));
 setTimeout(openScene, PATIENCE_MS);
 page.each("hovered", null);

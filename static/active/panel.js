@@ -1,7 +1,7 @@
 // The active loop: what is to be known, the next angle with what is expected of it, and what the last turns brought.
 
 import { PagePart } from "../page/page.js";
-import { byId, choice, field, make, rebuild } from "../page/dom.js";
+import { choice, field, make, section } from "../page/dom.js";
 import { count, degrees } from "../page/format.js";
 
 export class ActivePanel extends PagePart {
@@ -9,11 +9,8 @@ export class ActivePanel extends PagePart {
 
   /** Take a state of the page; other modes have no loop. */
   update(/** @type {State} */ state) {
-    const status = state.active;
-    const section = byId("active");
-    section.hidden = !status;
-    if (!status) return;
-    rebuild(section, [status, state.garment?.found?.points], () => this.parts(status));
+    const { active: status, garment } = state;
+    section("active", status && [status, garment?.found?.points], () => status && this.parts(status));
   }
 
   parts(/** @type {ActiveStatus} */ status) {

@@ -15,16 +15,4 @@ declare global {
     thumbnail?: string;
     sought: string;
   };
-  type Column = {
-    name: string;
-    title: string;
-    meaning?: string;
-    number?: boolean;
-    sortable?: boolean;
-    width?: number;
-    format?: (value: Cell) => string;
-    show: (row: Row) => string;
-    node?: (row: Row) => Child;
-  };
-  type Sort = { name: string; descending: boolean };
 }

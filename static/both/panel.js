@@ -2,7 +2,6 @@
 
 import { PagePart } from "../page/page.js";
 import { mirrored } from "./seen.js";
-import { strokeLoop } from "../canvas/marks.js";
 import { byId, make, rebuild, values } from "../page/dom.js";
 import { cm2, floatingOf, number } from "../page/format.js";
 
@@ -123,9 +122,8 @@ export class BothSides extends PagePart {
 
   // --- over the flattened view and the scene: the side behind, and the seams ---------------------
 
-  drawOver(/** @type {Context} */ _, /** @type {Style} */ style) {
-    const color = style.getPropertyValue("--seam");
-    for (const loop of this.behind) strokeLoop(this.canvas, loop, color, 1.5, { rim: 1, dash: [6, 5] });
+  drawOver(/** @type {Pen} */ pen) {
+    for (const loop of this.behind) pen.loop(loop, "--seam", 1.5, { rim: 1, dash: [6, 5] });
   }
 
   /** The outline of each sheet behind the other one, where that is shown; not while cloth of one is asked about. */

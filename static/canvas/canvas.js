@@ -1,9 +1,10 @@
 // The flattened view: what is drawn where; pan, zoom, turn, pick and drag of the proposal.
 
 import { Beside } from "../both/beside.js";
-import { drawMark, drawPick, drawScale } from "./marks.js";
+import { drawPick } from "./marks.js";
+import { Pen } from "./pen.js";
 import { byId, contextOf, onWheel, sized } from "../page/dom.js";
-import { addTo, applied, contains, cornersOf, grown, Transform, union } from "./geometry.js";
+import { applied, contains, cornersOf, grown, sumOf, Transform } from "./geometry.js";
 import { Picture } from "./picture.js";
 import { Pyramid } from "./pyramid.js";
 
@@ -48,14 +49,14 @@ export class FlatCanvas {
     this.context = contextOf(this.canvas);
     this.width = this.height = 0; // of the pane, CSS pixels
     this.transform = new Transform();
+    this.pen = new Pen(this.context, ([u, v]) => this.transform.toPane(u, v));
     this.layer = new Picture(() => {
       this.refit();
       this.handlers.shown?.();
     });
     this.overlay = new Picture((anew) => this.overlayReady(anew));
     this.fitted = true; // until the operator pans or zooms
-    this.boxes = /** @type {Map<number, Box>} */ (new Map()); // where each frame or view lay last
-    this.extent = /** @type {Box | null} */ (null); // what all of them need together
+    this.extent = /** @type {Box | null} */ (null); // what is held in sight of frames that come and go
     this.marks = /** @type {{ id: number | null; uv_m: UV }[]} */ ([]);
     this.marksDrawn = this.marks; // for tests
     this.pick = /** @type {{ uv_m: UV; grip?: CurrentPick["grip"] } | null} */ (null);
@@ -125,18 +126,14 @@ export class FlatCanvas {
   }
 
   /**
-   * Show a frame of a camera, or a view of the offline page (or none) where it lies on its plane; the zoom
-   * holds all of them.
-   * @param {Shown | null} shown @param {number} view @param {UV | null} pickUv
+   * Show a frame of a camera, or a step of the offline page, where it lies on its plane; the zoom stays while it holds it.
+   * @param {Shown | null} shown @param {UV | null} pickUv
    */
-  showFrame(shown, view, pickUv) {
+  showFrame(shown, pickUv) {
     this.layer.shown = shown;
     this.pick = pickUv ? { uv_m: pickUv } : null;
-    if (!shown) return;
-    this.boxes.set(view, shown.box);
-    const extent = [...this.boxes.values()].reduce(union);
-    if (this.extent && contains(this.extent, extent) && !contains(extent, grown(this.extent, -2 * SLACK_M))) return;
-    this.extent = grown(extent, SLACK_M);
+    if (!shown || (this.extent && contains(this.extent, shown.box))) return;
+    this.extent = grown(shown.box, SLACK_M);
     this.refit();
   }
 
@@ -245,17 +242,10 @@ export class FlatCanvas {
     return this.transform.toPlane(x - at.left, y - at.top);
   }
 
-  /** Move the proposal's preview; the server is told by the caller. */
-  movePreview(/** @type {By} */ by) {
-    addTo(this.preview, by);
-    this.handlers.moving?.(this.preview);
-    this.redraw();
-  }
-
-  /** Show the proposal moved by so much, or to a place near there that it snaps to. */
+  /** Show the proposal moved by so much; the server is told by the caller. */
   showPreview(/** @type {By} */ by) {
-    this.preview = this.snap(by);
-    this.handlers.moving?.(this.preview);
+    this.preview = by;
+    this.handlers.moving?.(by);
     this.redraw();
   }
 
@@ -278,16 +268,15 @@ export class FlatCanvas {
   }
 
   draw() {
-    const context = sized(this.canvas, this.width, this.height);
-    const style = getComputedStyle(this.canvas);
+    sized(this.canvas, this.width, this.height);
     this.scenery.paint(this);
     this.beside.paint();
-    for (const draw of this.drawers) draw(context, style);
+    for (const draw of this.drawers) draw(this.pen);
     if (!this.layer.shown) return;
-    for (const mark of this.marks) drawMark(this, mark, style);
+    for (const { uv_m } of this.marks) this.pen.dot(this.pen.at(uv_m), "--pick", 4);
     this.marksDrawn = this.marks;
-    if (this.pick) drawPick(this, this.pick, style);
-    drawScale(this, style);
+    if (this.pick) drawPick(this, this.pick);
+    this.pen.scale({ x: 14, y: this.height - 16 }, Math.min(150, 0.3 * this.width), this.transform.scale);
   }
 
   drawShape() {
@@ -420,10 +409,8 @@ export class FlatCanvas {
           : { theta: this.angleAt(x, y) - this.angleAt(gesture.lastX, gesture.lastY), u: 0, v: 0 };
       if (by.theta > Math.PI) by.theta -= 2 * Math.PI;
       if (by.theta < -Math.PI) by.theta += 2 * Math.PI;
-      addTo(gesture.by, by);
-      const all = { ...gesture.begun };
-      addTo(all, gesture.by);
-      this.showPreview(all);
+      gesture.by = sumOf(gesture.by, by);
+      this.showPreview(this.snap(sumOf(gesture.begun, gesture.by)));
     }
     gesture.lastX = x;
     gesture.lastY = y;

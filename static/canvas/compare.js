@@ -9,20 +9,20 @@ const BLINK_MS = 450;
 const PALE = 0.25;
 const OPACITY = 0.7; // of the proposal on the shape
 
-/** Actions in the order of their buttons, the mode that each means, its label. @type {[string, string, string][]} */
-const MODES = [
-  ["compare_shape", "shape", "A"],
-  ["compare_proposal", "proposal", "B"],
-  ["blink", "blink", "Blink"],
-  ["compare_difference", "difference", "Differ"],
-];
+/** Actions, and the mode that each means. */
+const MODES = {
+  compare_shape: "shape",
+  compare_proposal: "proposal",
+  blink: "blink",
+  compare_difference: "difference",
+};
 const KINDS = ["color", "height", "position"];
 
 /** Paints the flattened view. */
 export class Comparison extends PagePart {
   name = "comparison";
   /** @type {NonNullable<Panel["actions"]>} */
-  actions = Object.fromEntries(MODES.map(([name, mode]) => [name, () => this.choose(mode)]));
+  actions = Object.fromEntries(Object.entries(MODES).map(([name, mode]) => [name, () => this.choose(mode)]));
   mode = "both";
   kind = "color";
   showsProposal = true;
@@ -62,7 +62,7 @@ export class Comparison extends PagePart {
   }
 
   get pressed() {
-    return Object.fromEntries(MODES.map(([name, mode]) => [name, mode === this.mode]));
+    return Object.fromEntries(Object.entries(MODES).map(([name, mode]) => [name, mode === this.mode]));
   }
 
   /** Take a state; the difference is fetched while it is looked at. */
@@ -129,13 +129,6 @@ export class Comparison extends PagePart {
   /** Whether the proposal is seen, and so can be taken hold of. */
   holds() {
     return this.mode !== "shape";
-  }
-
-  // --- buttons ---------------------------------------------------------------------------------
-
-  /** The buttons of all modes. */
-  buttons() {
-    return make("div.modes.segmented-grid", ...MODES.map(([name, , label]) => this.page.button(name, label)));
   }
 }
 

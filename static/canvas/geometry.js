@@ -76,12 +76,8 @@ export class Transform {
   }
 }
 
-/** Add a motion of the proposal to another. */
-export function addTo(/** @type {By} */ sum, /** @type {By} */ by) {
-  sum.theta += by.theta;
-  sum.u += by.u;
-  sum.v += by.v;
-}
+/** A motion of the proposal, and another. @param {By} a @param {By} b @returns {By} */
+export const sumOf = (a, b) => ({ theta: a.theta + b.theta, u: a.u + b.u, v: a.v + b.v });
 
 /** The box of the plane that a raster covers; pixel centres have integer coordinates. */
 export function boxOf(/** @type {Grid} */ grid) {
@@ -195,6 +191,15 @@ export function zoomedBox({ top, left, width, height }, { factor, row, col }) {
     width: wide,
     height: high,
   };
+}
+
+/**
+ * The ends of a line through pixels.
+ * @param {{ pixels_uv_m: number[][]; center_uv_m: number[]; direction: number[] }} line @returns {UV[]}
+ */
+export function endsOf({ pixels_uv_m: pixels, center_uv_m: [cu, cv], direction: [du, dv] }) {
+  const along = pixels.map(([u, v]) => (u - cu) * du + (v - cv) * dv);
+  return [Math.min(...along), Math.max(...along)].map((t) => [cu + t * du, cv + t * dv]);
 }
 
 export const dot = (/** @type {Numbers} */ a, /** @type {Numbers} */ b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

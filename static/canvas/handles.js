@@ -2,7 +2,7 @@
 // belong, it snaps.
 
 import { applied, boxOf } from "./geometry.js";
-import { drawLabel, drawRing, strokeLine, strokeRimmed, traceCross } from "./marks.js";
+import { traceCross } from "./pen.js";
 import { hasKeys, within } from "../page/dom.js";
 
 const REACH_PX = hasKeys() ? 13 : 24; // of a mouse or a finger
@@ -90,41 +90,37 @@ export class Handles {
     return by;
   }
 
-  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Pen} */ pen) {
     const { places, held } = this;
     if (!places || !held) return;
     const named = /** @type {Rect[]} */ ([]);
-    for (const ghost of held.ghosts) if (!this.isAt(ghost)) this.drawGhost(context, style, held, ghost, named);
-    const color = style.getPropertyValue("--accent");
-    strokeLine(context, [places.edge, places.ring], color, 1.5);
-    drawRing(context, places.ring, color, 6);
-    strokeRimmed(context, color, 2, () => {
-      context.arc(places.middle.x, places.middle.y, 8, 0, 2 * Math.PI);
-      traceCross(context, places.middle.x, places.middle.y, 8, 13);
+    for (const ghost of held.ghosts) if (!this.isAt(ghost)) this.drawGhost(pen, held, ghost, named);
+    pen.line([places.edge, places.ring], "--accent");
+    pen.ring(places.ring, "--accent", 6);
+    pen.rimmed("--accent", 2, (to) => {
+      to.arc(places.middle.x, places.middle.y, 8, 0, 2 * Math.PI);
+      traceCross(to, places.middle, 8, 13);
     });
   }
 
   /**
    * A ghost with its name, below those that are `named` already.
-   * @param {Context} context @param {Style} style @param {Held} held @param {Ghost} ghost @param {Rect[]} named
+   * @param {Pen} pen @param {Held} held @param {Ghost} ghost @param {Rect[]} named
    */
-  drawGhost(context, style, held, ghost, named) {
+  drawGhost(pen, held, ghost, named) {
     const { canvas } = this;
     const { motion } = ghost;
-    context.globalAlpha = ghost.title === this.snapped ? 0.85 : 0.4;
+    pen.context.globalAlpha = ghost.title === this.snapped ? 0.85 : 0.4;
     held.draw(motion);
-    context.globalAlpha = 1;
-    const [u, v] = applied(motion, canvas.center[0] + ghost.at[0], canvas.center[1] + ghost.at[1]);
-    const { x, y } = canvas.transform.toPane(u, v);
-    context.font = "600 12px system-ui, sans-serif";
-    context.textBaseline = "middle";
-    const width = context.measureText(ghost.title).width + 8;
+    pen.context.globalAlpha = 1;
+    const { x, y } = pen.at(applied(motion, canvas.center[0] + ghost.at[0], canvas.center[1] + ghost.at[1]));
+    const width = pen.widthOf(ghost.title);
     const { ring, edge } = this.places ?? { ring: { y }, edge: { y } };
     const left = within(x - width / 2, 0, canvas.width - width);
-    const at = { x: left, y: (ring.y > edge.y ? y - LABEL_PX : y + LABEL_PX) - 9, w: width, h: 18 }; // off its middle
+    const at = { x: left, y: ring.y > edge.y ? y - LABEL_PX : y + LABEL_PX, w: width, h: 18 }; // off its middle
     while (named.some((one) => Math.abs(one.y - at.y) < 19 && one.x < at.x + at.w && at.x < one.x + one.w)) at.y += 2;
     named.push(at);
-    drawLabel(context, style, ghost.title, [at.x + 4, at.y + 9], [at.x, at.y, at.w, at.h]);
+    pen.label(ghost.title, at);
   }
 
   get status() {

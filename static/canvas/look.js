@@ -6,8 +6,7 @@ import { byId, find, make, rebuild, setText, tickBox } from "../page/dom.js";
 import { number } from "../page/format.js";
 
 const STEP_DEG = 15;
-/** @type {Record<string, string>} */
-const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", ruler: "Ruler" };
+const TOOLS = ["turn_left_seen", "turn_right_seen", "ruler"];
 /** All layers; the table of actions has their titles, keys and descriptions. */
 export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place", "truth"];
 
@@ -104,7 +103,7 @@ export class Looking extends PagePart {
     rebuild(panel, [layers, switches.map((name) => settings[name])], () => [
       layers.length > 0 && make("h2", "Layers"),
       make("div.looks", ...layers.map((one) => this.page.button(layerAction(one)))),
-      make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
+      make("div.looks", ...TOOLS.map((name) => this.page.button(name))),
       make("h2", "3D scene"),
       make(
         "ul.scene-switches",

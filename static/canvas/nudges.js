@@ -1,6 +1,6 @@
 // Keys that move the proposal: shown at once, and one gesture of many presses is one item to undo.
 
-import { addTo } from "./geometry.js";
+import { sumOf } from "./geometry.js";
 
 /** @type {Record<string, [turn: number, right: number, down: number]>} */
 const MOVES = {
@@ -30,9 +30,10 @@ export class KeyNudges {
     const [turn, right, down] = MOVES[name].map((steps) => steps * times);
     const step = settings.step_mm / 1000;
     const by = this.page.canvas.asSeen((turn * settings.step_deg * Math.PI) / 180, right * step, down * step);
-    this.page.canvas.movePreview(by);
+    const { canvas } = this.page;
+    canvas.showPreview(sumOf(canvas.preview, by));
     this.gesture ??= { view: pending?.view_index ?? -1, by: { theta: 0, u: 0, v: 0 } };
-    addTo(this.gesture.by, by);
+    this.gesture.by = sumOf(this.gesture.by, by);
     clearTimeout(this.gesture.timer);
     this.gesture.timer = setTimeout(() => this.flush(), PAUSE_MS);
   }

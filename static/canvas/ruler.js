@@ -1,7 +1,6 @@
 // The ruler: drag on the flattened view; the length straight on it, along the cloth, and through the air.
 
 import { PagePart } from "../page/page.js";
-import { drawDot, strokeLine } from "./marks.js";
 import { byId, make } from "../page/dom.js";
 import { mm } from "../page/format.js";
 
@@ -102,20 +101,24 @@ export class Ruler extends PagePart {
     this.canvas.redraw();
   }
 
-  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Pen} */ pen) {
     this.label.hidden = !this.line;
     if (!this.line) return;
-    const at = this.canvas.transform;
-    const [a, b] = [this.line.from, this.line.to].map(({ u, v }) => at.toPane(u, v));
-    const color = style.getPropertyValue("--accent");
+    const [a, b] = [this.line.from, this.line.to].map(({ u, v }) => pen.at([u, v]));
     const { sheet } = this.canvas.located(this.line.from.u, this.line.from.v);
     const path = (this.measured?.path_uv_m ?? []).flatMap((uv) => {
       const there = this.canvas.shownAt(sheet, uv);
-      return there ? [at.toPane(...there)] : [];
+      return there ? [pen.at(there)] : [];
     });
-    if (path.length > 2) stroke(context, path, color, [5, 4]);
-    stroke(context, [a, b], color, []);
-    for (const end of [a, b]) drawDot(context, end, color, 4);
+    for (const { line, dash } of [
+      { line: path, dash: [5, 4] },
+      { line: [a, b], dash: [] },
+    ]) {
+      if (line === path && path.length <= 2) continue;
+      pen.line(line, "#fff", 4); // so that it is seen on any cloth
+      pen.line(line, "--accent", 2, dash);
+    }
+    for (const end of [a, b]) pen.dot(end, "--accent", 4);
     this.showLabel(this.line, b);
   }
 
@@ -138,13 +141,4 @@ export class Ruler extends PagePart {
     const top = Math.min(canvas.height - label.offsetHeight - 6, Math.max(6, end.y + 10));
     label.style.transform = `translate(${Math.round(left)}px, ${Math.round(top)}px)`;
   }
-}
-
-/**
- * A line that is seen on any cloth.
- * @param {Context} context @param {Point[]} points @param {string} color @param {number[]} dash
- */
-function stroke(context, points, color, dash) {
-  strokeLine(context, points, "#fff", 4);
-  strokeLine(context, points, color, 2, dash);
 }

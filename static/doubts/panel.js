@@ -3,7 +3,6 @@
 
 import { PagePart } from "../page/page.js";
 import { applied, boxOf, cornersOf, inBox, nearest } from "../canvas/geometry.js";
-import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
 import { fitOf, holds, joiningText, overlapAt, overlapOfProposal, shapeOf } from "../canvas/overlap.js";
 import { drawCaption, drawMoved, drawPieces } from "../canvas/pieces.js";
 import { Pyramid } from "../canvas/pyramid.js";
@@ -32,7 +31,7 @@ export class DoubtsPanel extends PagePart {
   chosen = /** @type {number | null} */ (null);
   at = 0; // which of its choices is shown; -1: another place
   grabbed = /** @type {number | null} */ (null); // a floating piece under the pressed pointer
-  later = false; // it was dropped before the list of the present shape was there
+  later = false; // it was dropped, or decided about, before the list of the present shape was there
   notice = ""; // about the place that was clicked
   rests = { revision: /** @type {number | null} */ (null), timer: 0 };
   fitted = { key: "", text: "" };
@@ -75,11 +74,6 @@ export class DoubtsPanel extends PagePart {
     return { doubts: this.shown };
   }
 
-  get status() {
-    const { chosen, at, held, list, shown, isBehind } = this;
-    return { chosen, at, list, shown, isBehind, held: Boolean(held) };
-  }
-
   toggle() {
     const { column } = this.page;
     column.choose(this.shown ? column.usual : "doubts");
@@ -117,12 +111,12 @@ export class DoubtsPanel extends PagePart {
 
   /** A list has come: what was looked at is looked at on; else the weakest is asked about first. */
   take() {
-    const before = this.doubt;
+    const [before, title] = [this.doubt, this.choice?.title];
     this.found = this.fetched.value;
     const same = this.list.findIndex(({ kind, title }) => kind === before?.kind && title === before.title);
     const weak = this.list.findIndex((doubt) => doubt.weak);
     if (this.grabbed !== null) this.grabbed = same >= 0 ? same : null;
-    if (this.later) return this.dropped(true);
+    if (this.later) return this.decideNow(same, title);
     if (same >= 0 && this.canvas.isMoved) this.chosen = same;
     else this.choose(same >= 0 ? same : weak >= 0 ? weak : null);
   }
@@ -260,7 +254,7 @@ export class DoubtsPanel extends PagePart {
 
   /** Choose one, or none, with a notice about the place that was clicked. */
   choose(/** @type {number | null} */ chosen, notice = "") {
-    Object.assign(this, { chosen, notice, at: 0 });
+    Object.assign(this, { chosen, notice, at: 0, later: false });
     if (!this.page.state?.pending) this.canvas.resetPreview();
     this.page.changed();
     this.bring();
@@ -302,7 +296,7 @@ export class DoubtsPanel extends PagePart {
   look(/** @type {number} */ n) {
     const { doubt, canvas, held } = this;
     if (!doubt) return;
-    this.at = n;
+    Object.assign(this, { at: n, later: false });
     if (held) canvas.preview = canvas.byOf(motionOf(doubt.choices[n]));
     canvas.redraw();
     this.page.changed();
@@ -325,7 +319,11 @@ export class DoubtsPanel extends PagePart {
     const index = this.grabbed ?? this.chosen;
     if (!doubt || !found || index === null) return;
     if (page.state.pending && doubt.kind !== "seam") return page.notify("info", "Decide about the proposal first.");
-    if (this.isBehind) return page.notify("info", "The shape is being drawn; wait a moment.");
+    this.later = this.isBehind;
+    if (this.later) {
+      this.want();
+      return page.notify("info", "The shape is being drawn; it is decided then.");
+    }
     const how = this.choice?.how ?? (doubt.kind === "piece" ? "hand" : "place");
     const place = this.choice ? motionOf(this.choice) : canvas.motion;
     page.send({ type: "decide", revision: found.revision, index, how, place });
@@ -382,11 +380,20 @@ export class DoubtsPanel extends PagePart {
 
   /** The pointer is let go: what floats is decided about where it was dropped. */
   dropped(/** @type {boolean} */ moved) {
-    const isPiece = moved && this.doubt?.kind === "piece";
-    this.later = isPiece && this.grabbed !== null && this.isBehind;
-    if (this.later) return void this.want();
-    if (isPiece) this.decide();
-    this.grabbed = null;
+    if (moved && this.doubt?.kind === "piece") this.decide();
+    if (!this.later) this.grabbed = null;
+  }
+
+  /**
+   * Do what was decided before the list was there, if it is still in doubt.
+   * @param {number} same its number in the list, or -1 @param {string | undefined} title of its choice
+   */
+  decideNow(same, title) {
+    this.later = false;
+    const isDropped = this.grabbed !== null;
+    if (!isDropped) this.chosen = same >= 0 ? same : null;
+    if (this.choice?.title === title) this.decide();
+    if (isDropped && !this.later) this.grabbed = null;
   }
 
   /** A click asks about the cloth there. */
@@ -416,7 +423,7 @@ export class DoubtsPanel extends PagePart {
     const { canvas } = this;
     const on = (/** @type {SideName} */ side, /** @type {UV[]} */ places) =>
       places.map((uv) => canvas.shownAt(side, uv)).filter((uv) => uv !== null);
-    return [...on("this", this_uv_m), ...on("other", other_uv_m)].map((uv) => canvas.transform.toPane(...uv));
+    return [...on("this", this_uv_m), ...on("other", other_uv_m)].map(canvas.pen.at);
   };
 
   pieceOf(/** @type {Doubt} */ { kind, side, title }) {
@@ -425,7 +432,7 @@ export class DoubtsPanel extends PagePart {
     return kind === "piece" ? pieces?.find(({ label }) => label === title.split(",")[0]) : undefined;
   }
 
-  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Pen} */ pen) {
     const { canvas, doubt, list } = this;
     const { state } = this.page;
     if (!state || this.page.hasCamera) return;
@@ -434,20 +441,23 @@ export class DoubtsPanel extends PagePart {
     if (canvas.side === "this") this.drawPlaces();
     const chosenOn = (/** @type {SideName} */ side) => (doubt?.side === side && this.pieceOf(doubt)?.label) || null;
     const floating = this.drawn.filter(({ placed }) => !placed);
-    drawPieces(canvas, context, style, floating, chosenOn(canvas.side));
+    drawPieces(canvas, floating, chosenOn(canvas.side));
     const { motion } = canvas.beside;
     const others = this.page.thisSide.other?.layers?.pieces ?? [];
-    if (motion) drawPieces(canvas, context, style, others, chosenOn("other"), motion);
+    if (motion) drawPieces(canvas, others, chosenOn("other"), motion);
     if (canvas.overlay.shown && canvas.gesture && canvas.isMoved)
-      drawCaption(canvas, style, joiningText(overlapOfProposal(this.page) ?? 0));
+      drawCaption(canvas, joiningText(overlapOfProposal(this.page) ?? 0));
     if (doubt && this.held && canvas.isMoved) {
-      drawMoved(canvas, style, doubt.outline_uv_m, canvas.motion);
-      if (canvas.gesture && this.fit) drawCaption(canvas, style, this.fit);
+      drawMoved(canvas, doubt.outline_uv_m, canvas.motion);
+      if (canvas.gesture && this.fit) drawCaption(canvas, this.fit);
     }
     if (!this.shown) return;
     if (doubt) this.drawAt(doubt, [0, 0, 0], "--accent");
-    const marks = list.map((each) => ({ at: this.marksOf(each), doubted: each.weak || each.is_apart }));
-    drawSeams(context, style, marks, this.chosen, Boolean(this.held));
+    list.forEach((each, n) => {
+      const at = this.marksOf(each);
+      if (n === this.chosen) for (const one of at) pen.dot(one, "--accent", 3.5);
+      else if (!this.held) pen.squares(at, each.weak || each.is_apart ? "--warn" : "--seam", 4);
+    });
   }
 
   /**
@@ -464,31 +474,28 @@ export class DoubtsPanel extends PagePart {
       if (!piece || !(piece.placed || isKnown)) continue;
       const motion = piece.placed || !there ? [0, 0, 0] : motionOf(there);
       for (const loop of loopsAt(doubt, /** @type {Motion} */ (motion)))
-        strokeLoop(this.canvas, loop, piece.color, 1.5, { dash: piece.placed ? [] : [5, 4] });
+        this.canvas.pen.loop(loop, piece.color, 1.5, { dash: piece.placed ? [] : [5, 4] });
     }
     const { brings } = this.page.state.pending ?? {};
     const piece = brings && this.drawn.find(({ label }) => label === brings.label);
     if (!piece) return;
     const { theta_rad, u_m, v_m } = brings.placement;
     const corners = cornersOf(boxOf(piece.grid)).map(([u, v]) => applied([theta_rad, u_m, v_m], u, v));
-    strokeLoop(this.canvas, corners, piece.color, 2.5, { dash: [2, 3] });
+    this.canvas.pen.loop(corners, piece.color, 2.5, { dash: [2, 3] });
   }
 
   /** The outline of its cloth, moved by so much. @param {Doubt} doubt @param {Motion} by */
   drawAt(doubt, by, color = "--warn") {
-    const style = getComputedStyle(this.canvas.canvas);
     for (const loop of loopsAt(doubt, by)) {
       const shown = loop.map((uv) => this.canvas.shownAt(doubt.side, uv)).filter((uv) => uv !== null);
-      strokeLoop(this.canvas, shown, style.getPropertyValue(color), 2, { rim: 1.5, dash: [6, 4] });
+      this.canvas.pen.loop(shown, color, 2, { rim: 1.5, dash: [6, 4] });
     }
   }
 
-  /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
-  drawInScene(context, style, place) {
+  drawInScene(/** @type {Pen} */ pen, /** @type {PlaceInScene} */ place) {
     if (!this.doubt) return;
-    context.fillStyle = style.getPropertyValue("--warn");
-    for (const at of this.doubt.part_xyz_m.map(place)) if (at) context.fillRect(at.x - 1, at.y - 1, 2, 2);
-    drawSeamInScene(context, style, this.doubt.seam_xyz_m, place);
+    pen.squares(this.doubt.part_xyz_m.map(place), "--warn");
+    for (const at of this.doubt.seam_xyz_m.map(place)) if (at) pen.dot(at, "--accent", 3);
   }
 }
 

@@ -1,6 +1,5 @@
 // The outline of a garment and its named points on a flattened view.
 
-import { drawDot, drawLabel, drawRing, strokeLoop, strokeRimmed } from "../canvas/marks.js";
 import { WAYS } from "../page/dom.js";
 
 const STEP_M = 0.006; // along the outline
@@ -12,30 +11,30 @@ export const words = (/** @type {string} */ name) => name.replaceAll("_", " ");
 
 /**
  * `found` has `outline_uv_m` and `points`; the one that is `pointed` at (its name) is large, and named.
- * @param {FlatCanvas} canvas @param {Context} context @param {Style} style
- * @param {{ outline_uv_m: UV[]; points: GarmentPoint[] }} found
+ * @param {FlatCanvas} canvas @param {{ outline_uv_m: UV[]; points: GarmentPoint[] }} found
  * @param {string | null} pointed
  */
-export function drawGarment(canvas, context, style, found, pointed) {
-  const { transform } = canvas;
-  const color = style.getPropertyValue("--garment");
+export function drawGarment(canvas, found, pointed) {
+  const { pen, context } = canvas;
+  const color = "--garment";
   context.globalAlpha = 0.5;
-  strokeLoop(canvas, found.outline_uv_m, color, 1.5, { dash: [5, 5] });
+  pen.loop(found.outline_uv_m, color, 1.5, { dash: [5, 5] });
   context.globalAlpha = 1;
-  strokeRimmed(context, color, 2, () => traceSeen(canvas, context, found.outline_uv_m));
+  pen.rimmed(color, 2, () => traceSeen(canvas, found.outline_uv_m));
   for (const point of found.points) {
-    const at = transform.toPane(...point.uv_m);
+    const at = pen.at(point.uv_m);
     const on = point.name === pointed;
     // A predicted point is hollow, so that it differs without colours, too.
-    if (point.seen || point.held) drawDot(context, at, color, on ? 8 : 5);
-    else drawRing(context, at, color, on ? 8 : 5);
-    if (point.held) drawRing(context, at, color, on ? 12 : 9);
-    if (on) drawName(context, style, at, point.name);
+    if (point.seen || point.held) pen.dot(at, color, on ? 8 : 5);
+    else pen.ring(at, color, on ? 8 : 5);
+    if (point.held) pen.ring(at, color, on ? 12 : 9);
+    if (on) pen.label(words(point.name), { x: at.x + 12, y: at.y });
   }
 }
 
 /** The parts of an outline that run along cloth: the others are foretold. */
-function traceSeen(/** @type {FlatCanvas} */ canvas, /** @type {Context} */ context, /** @type {UV[]} */ outline) {
+function traceSeen(/** @type {FlatCanvas} */ canvas, /** @type {UV[]} */ outline) {
+  const { pen, context } = canvas;
   const isSeen = (/** @type {number} */ u, /** @type {number} */ v) =>
     AROUND.some(([right, down]) => canvas.layer.covers(u + NEAR_M * right, v + NEAR_M * down));
   outline.forEach(([u, v], i) => {
@@ -45,17 +44,9 @@ function traceSeen(/** @type {FlatCanvas} */ canvas, /** @type {Context} */ cont
       const at = (/** @type {number} */ x) =>
         /** @type {UV} */ ([u + (x / n) * (nextU - u), v + (x / n) * (nextV - v)]);
       if (!isSeen(...at(k + 0.5))) continue;
-      const [from, to] = [k, k + 1].map((x) => canvas.transform.toPane(...at(x)));
+      const [from, to] = [k, k + 1].map((x) => pen.at(at(x)));
       context.moveTo(from.x, from.y);
       context.lineTo(to.x, to.y);
     }
   });
-}
-
-/** @param {Context} context @param {Style} style @param {Point} parts @param {string} name */
-export function drawName(context, style, { x, y }, name) {
-  const text = words(name);
-  context.font = "600 12px system-ui, sans-serif";
-  context.textBaseline = "middle";
-  drawLabel(context, style, text, [x + 17, y], [x + 12, y - 9, context.measureText(text).width + 10, 18]);
 }

@@ -2,7 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { dimensions, pointButton, shares } from "./lists.js";
-import { words, drawGarment, drawName } from "./marks.js";
+import { words, drawGarment } from "./marks.js";
 import {
   byId,
   choice,
@@ -18,7 +18,6 @@ import {
 } from "../page/dom.js";
 import { percent } from "../page/format.js";
 import { nearest } from "../canvas/geometry.js";
-import { drawDot } from "../canvas/marks.js";
 
 const NONE = "none of these";
 /** An angle within a full turn. */
@@ -68,13 +67,8 @@ export class GarmentPanel extends PagePart {
     return { garment: this.shown, upright: this.turnedFrom !== null };
   }
 
-  get status() {
-    return { known: this.known, shown: this.shown, pointed: this.pointed, preview: this.preview };
-  }
-
   update(/** @type {State} */ state) {
-    this.finishUpright(state);
-    this.followUpright();
+    this.keepUpright(state);
     const { known } = this;
     this.section.hidden = !known || !state.layers;
     if (!this.found?.points.some((point) => point.name === this.pointed)) this.pointed = null;
@@ -167,21 +161,17 @@ export class GarmentPanel extends PagePart {
     this.page.changed();
   }
 
-  /** Once the shape is finished and known as a garment, it is shown upright, unless it is turned already. */
-  finishUpright(/** @type {State} */ { phase, garment }) {
-    if (phase !== "finished") this.finished = false;
-    if (phase !== "finished" || this.finished || !garment?.found) return;
-    this.finished = true;
-    if (this.turnedFrom === null && this.canvas.transform.angle === 0) this.toggleUpright();
-  }
-
-  /** Recognised again, the garment may be upright at another angle: it stays upright unless somebody has turned it. */
-  followUpright() {
-    if (!this.found) return;
+  /** A finished garment is shown upright, unless it is turned already; found again at another angle, it stays upright. */
+  keepUpright(/** @type {State} */ { phase }) {
     const { angle } = this.canvas.transform;
+    if (phase !== "finished") this.finished = false;
+    if (!this.found) return;
     const [before, now] = [this.upright, full(this.found.upright_rad)];
     this.upright = now;
-    if (this.turnedFrom !== null && angle === before && now !== before) this.page.looking.turn(now);
+    const isNew = phase === "finished" && !this.finished;
+    this.finished ||= isNew;
+    if (isNew && this.turnedFrom === null && angle === 0) this.toggleUpright();
+    else if (this.turnedFrom !== null && angle === before && now !== before) this.page.looking.turn(now);
   }
 
   toggleUpright() {
@@ -224,12 +214,7 @@ export class GarmentPanel extends PagePart {
   settle() {
     const { moved } = this;
     this.moved = null;
-    if (moved) this.hold(moved.name, moved.u, moved.v);
-  }
-
-  /** @param {string} name @param {number} u_m @param {number} v_m */
-  hold(name, u_m, v_m) {
-    this.page.send({ type: "hold_point", name, u_m, v_m });
+    if (moved) this.page.send({ type: "hold_point", name: moved.name, u_m: moved.u, v_m: moved.v });
   }
 
   // --- over the flattened view ---------------------------------------------------------------------
@@ -267,7 +252,7 @@ export class GarmentPanel extends PagePart {
     if (!this.grabbed) return;
     const { name, moved } = this.grabbed;
     this.grabbed = null;
-    if (moved) this.hold(name, at.u, at.v);
+    if (moved) this.page.send({ type: "hold_point", name, u_m: at.u, v_m: at.v });
     else this.page.send({ type: "pick_point", name });
   }
 
@@ -297,21 +282,19 @@ export class GarmentPanel extends PagePart {
 
   // --- drawn ---------------------------------------------------------------------------------------
 
-  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver() {
     const { drawn } = this;
-    if (drawn) drawGarment(this.canvas, context, style, drawn, this.grabbed?.name ?? this.pointed);
+    if (drawn) drawGarment(this.canvas, drawn, this.grabbed?.name ?? this.pointed);
   }
 
-  /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
-  drawInScene(context, style, place) {
-    if (!this.drawn) return;
-    for (const point of this.drawn.points) {
+  drawInScene(/** @type {Pen} */ pen, /** @type {PlaceInScene} */ place) {
+    for (const point of this.drawn?.points ?? []) {
       const [x, y, z] = point.xyz_m ?? [null, null, null];
       const at = x !== null && y !== null && z !== null && place([x, y, z]);
       if (!at) continue;
       const on = point.name === this.pointed;
-      drawDot(context, at, style.getPropertyValue("--garment"), on ? 8 : 3.5);
-      if (on) drawName(context, style, at, point.name);
+      pen.dot(at, "--garment", on ? 8 : 3.5);
+      if (on) pen.label(words(point.name), { x: at.x + 12, y: at.y });
     }
   }
 }

@@ -2,7 +2,7 @@
 // graphics card; marks are drawn over it.
 
 import { cross, dot, unit } from "../canvas/geometry.js";
-import { drawDot, strokeLine } from "../canvas/marks.js";
+import { Pen } from "../canvas/pen.js";
 import { onWheel, sized, taken, WAYS, within } from "../page/dom.js";
 import { rgbOf } from "../page/format.js";
 
@@ -31,9 +31,14 @@ export class CloudView {
     this.width = this.height = this.turning = 0;
     this.dirty = false;
     this.mark = /** @type {CloudMark} */ (null);
-    /** @type {Uint8Array} */
+    /** @type {Uint8Array} of the cloth, three bytes a pixel */
     this.colors = new Uint8Array(3 * scene.cloth.count);
     this.seen = new Int32Array(0); // which pixel of the cloth each pixel of the canvas shows; -1: none
+    // Directions that do not turn with the eye: up along the axis, and two across it.
+    const up = scene.axis.direction;
+    const out = Math.abs(up[2]) < 0.9 ? [0, 0, -1] : [1, 0, 0];
+    const south = unit(out.map((x, i) => x - dot(out, up) * up[i]));
+    this.basis = { up, south, east: cross(up, south) };
     this.eye = this.lookFrom(scene.start);
     new ResizeObserver(() => this.draw()).observe(canvas);
     this.listen();
@@ -53,65 +58,33 @@ export class CloudView {
     this.turnTo(this.lookFrom(this.step));
   }
 
-  /** Color the cloth, three bytes a pixel. */
-  setColors(/** @type {Uint8Array} */ rgb) {
-    this.colors = rgb;
-    this.redraw();
-  }
-
   // --- the eye -------------------------------------------------------------------------------
 
-  /** Where the real camera stood at a step, as an eye that turns about the middle of the cloth. */
+  /** Where the real camera stood at a step, as an eye that turns about the middle of the cloth. @returns {Eye} */
   lookFrom(/** @type {number} */ step) {
-    const { center } = this.scene;
-    const camera = this.scene.cameras[step];
-    const away = camera.map((x, i) => x - center[i]);
+    const { center, cameras } = this.scene;
+    const away = cameras[step].map((x, i) => x - center[i]);
     const distance = Math.hypot(...away);
-    const { up, east, south } = this.basis();
-    return {
-      target: [...center],
-      yaw: Math.atan2(dot(away, east), dot(away, south)),
-      pitch: Math.asin(dot(away, up) / distance),
-      distance,
-      zoom: 1,
-    };
-  }
-
-  /** Half of what is seen along the shorter side of the view, in metres at the middle of the cloth. */
-  get extent() {
-    const aspect = this.width / this.height;
-    const [across, upright] = this.scene.halfExtents;
-    return (1.2 * Math.max(across / Math.max(1, aspect), upright / Math.max(1, 1 / aspect))) / this.eye.zoom;
-  }
-
-  /** Directions that do not turn with the eye: up along the axis, and two across it. */
-  basis() {
-    const up = this.scene.axis.direction;
-    const out = Math.abs(up[2]) < 0.9 ? [0, 0, -1] : [1, 0, 0];
-    const south = unit(out.map((x, i) => x - dot(out, up) * up[i]));
-    return { up, south, east: cross(up, south) };
+    const { up, east, south } = this.basis;
+    const [yaw, pitch] = [Math.atan2(dot(away, east), dot(away, south)), Math.asin(dot(away, up) / distance)];
+    return { x: center[0], y: center[1], z: center[2], yaw, pitch, distance, zoom: 1 };
   }
 
   turnTo(/** @type {Eye} */ goal) {
     cancelAnimationFrame(this.turning);
     if (matchMedia("(prefers-reduced-motion: reduce)").matches) return void (this.eye = goal);
     const from = this.eye;
-    const turn = Math.atan2(Math.sin(goal.yaw - from.yaw), Math.cos(goal.yaw - from.yaw));
+    const turn = Math.atan2(Math.sin(goal.yaw - from.yaw), Math.cos(goal.yaw - from.yaw)); // the shorter way
+    const to = { ...goal, yaw: from.yaw + turn };
+    const keys = /** @type {(keyof Eye)[]} */ (Object.keys(to));
     const began = performance.now();
     const move = (/** @type {number} */ now) => {
       const s = within((now - began) / TURN_MS, 0, 1);
-      const share = s * s * (3 - 2 * s);
-      const between = (/** @type {number} */ a, /** @type {number} */ b) => a + share * (b - a);
-      this.eye = {
-        target: from.target.map((x, i) => between(x, goal.target[i])),
-        yaw: from.yaw + share * turn,
-        pitch: between(from.pitch, goal.pitch),
-        distance: between(from.distance, goal.distance),
-        zoom: between(from.zoom, goal.zoom),
-      };
+      for (const key of keys) this.eye[key] = from[key] + s * s * (3 - 2 * s) * (to[key] - from[key]);
       this.redraw();
       if (s < 1) this.turning = requestAnimationFrame(move);
     };
+    this.eye = { ...from };
     this.turning = requestAnimationFrame(move);
   }
 
@@ -136,32 +109,35 @@ export class CloudView {
   pan(/** @type {number} */ dx, /** @type {number} */ dy) {
     this.take();
     const { right, down } = this.axes();
-    for (let i = 0; i < 3; i++) this.eye.target[i] -= (dx * right[i] + dy * down[i]) / this.scale;
+    const by = right.map((x, i) => (dx * x + dy * down[i]) / this.scale);
+    this.eye.x -= by[0];
+    this.eye.y -= by[1];
+    this.eye.z -= by[2];
   }
 
   axes() {
-    const { up, east, south } = this.basis();
+    const { up, east, south } = this.basis;
     const { yaw, pitch } = this.eye;
-    const back = up.map(
-      (_, i) => Math.cos(pitch) * (Math.sin(yaw) * east[i] + Math.cos(yaw) * south[i]) + Math.sin(pitch) * up[i],
-    );
+    const level = up.map((_, i) => Math.sin(yaw) * east[i] + Math.cos(yaw) * south[i]);
+    const back = up.map((x, i) => Math.cos(pitch) * level[i] + Math.sin(pitch) * x);
     const right = unit(cross(up, back));
     return { back, right, down: cross(right, back) };
   }
 
-  /** Pixels of the canvas to a metre at the middle of the cloth. */
+  /** Pixels of the canvas to a metre at the middle of the cloth: all of it is seen. */
   get scale() {
-    return Math.min(this.width, this.height) / (2 * this.extent);
+    const { width, height, eye } = this;
+    const [across, upright] = this.scene.halfExtents;
+    return (eye.zoom * Math.min(width / across, height / upright)) / 2.4;
   }
 
   /** Where points appear: CSS pixels, and how far they are as a share of the distance of the middle. */
   projection() {
     const { right, down, back } = this.axes();
-    const { scale, width, height } = this;
-    const { target, distance } = this.eye;
+    const { scale, width, height, eye } = this;
     return (/** @type {number} */ px, /** @type {number} */ py, /** @type {number} */ pz) => {
-      const [x, y, z] = [px - target[0], py - target[1], pz - target[2]];
-      const far = 1 - (back[0] * x + back[1] * y + back[2] * z) / distance;
+      const [x, y, z] = [px - eye.x, py - eye.y, pz - eye.z];
+      const far = 1 - (back[0] * x + back[1] * y + back[2] * z) / eye.distance;
       const by = scale / far;
       return {
         x: width / 2 + by * (right[0] * x + right[1] * y + right[2] * z),
@@ -202,19 +178,17 @@ export class CloudView {
     const { canvas, scene } = this;
     [this.width, this.height] = [canvas.clientWidth, canvas.clientHeight];
     if (!this.width || !this.height) return;
-    const style = getComputedStyle(canvas);
-    const pen = sized(canvas, this.width, this.height);
-    const image = pen.createImageData(canvas.width, canvas.height);
-    const [red, green, blue] = rgbOf(style.getPropertyValue("--ground").trim());
+    const pen = new Pen(sized(canvas, this.width, this.height));
+    const image = pen.context.createImageData(canvas.width, canvas.height);
+    const [red, green, blue] = rgbOf(pen.color("--ground"));
     new Uint32Array(image.data.buffer).fill(packed(red, green, blue));
     this.seen = new Int32Array(canvas.width * canvas.height).fill(-1);
     const depth = new Float32Array(this.seen.length).fill(Infinity);
     const { xyz, first, grid } = scene.cloth;
-    const cloth = { xyz, rgb: this.colors, first, size: 1.5 * grid.pixel_size_m };
-    this.paint(image, depth, cloth);
+    this.paint(image, depth, { xyz, rgb: this.colors, first, size: 1.5 * grid.pixel_size_m });
     this.paint(image, depth, { ...scene.around[this.step], first: null, size: 1.6 * scene.spacing });
-    pen.putImageData(image, 0, 0);
-    this.drawMarks(pen, style);
+    pen.context.putImageData(image, 0, 0);
+    this.drawMarks(pen);
   }
 
   /**
@@ -249,24 +223,23 @@ export class CloudView {
     }
   }
 
-  /** @param {Context} pen @param {Style} style */
-  drawMarks(pen, style) {
+  drawMarks(/** @type {Pen} */ pen) {
+    const project = this.projection();
     /** @type {(segments: [XYZ, XYZ][], color: string, width: number) => void} */
     const line = (segments, color, width) => {
       for (const ends of segments) {
-        const seen = ends.map((end) => this.toScreen(end));
-        if (seen.every(({ far }) => far > NEAREST)) strokeLine(pen, seen, color, width);
+        const seen = ends.map((end) => project(...end));
+        if (seen.every(({ far }) => far > NEAREST)) pen.line(seen, color, width);
       }
     };
-    pen.lineCap = "round";
-    pen.globalAlpha = 0.45;
-    line(this.scene.axisLine, style.getPropertyValue("--soft"), 1);
-    pen.globalAlpha = 1;
+    pen.context.lineCap = "round";
+    pen.context.globalAlpha = 0.45;
+    line([this.scene.axis.line], "--soft", 1);
+    pen.context.globalAlpha = 1;
     if (!this.mark) return;
-    const pick = style.getPropertyValue("--pick");
     if (this.mark.gripper)
-      for (const rim of [true, false]) line(this.mark.gripper, rim ? "#fff" : pick, rim ? 5 : 2.5);
-    drawDot(pen, this.toScreen(this.mark.point), pick, 5.75);
+      for (const rim of [true, false]) line(this.mark.gripper, rim ? "#fff" : "--pick", rim ? 5 : 2.5);
+    pen.dot(this.toScreen(this.mark.point), "--pick", 5.75);
   }
 
   // --- pointer and keys ----------------------------------------------------------------------

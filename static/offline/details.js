@@ -1,6 +1,6 @@
 // Beside the pictures of the exported page: the current pick, all picks, the decisions, the values under the pointer.
 
-import { byId, heading, make, rebuild, setText, values } from "../page/dom.js";
+import { byId, heading, make, rebuild, values } from "../page/dom.js";
 import { degrees, mm, number, vector } from "../page/format.js";
 import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "../panels/pick_text.js";
 import { showReadout } from "../panels/readout.js";
@@ -98,8 +98,9 @@ export function showValues({ cloth, step }, u, v) {
   ]);
 }
 
-export async function copyPick(/** @type {OfflinePage} */ { current: pick }) {
+export async function copyPick(/** @type {OfflinePage} */ page) {
+  const { current: pick } = page;
   if (!pick) return;
   const done = await copyText(pickText(pick));
-  setText(byId("hint"), done ? `Copied the numbers of ${pick.name}.` : "The browser does not allow copying.");
+  page.notify("info", done ? `Copied the numbers of ${pick.name}.` : "The browser does not allow copying.");
 }

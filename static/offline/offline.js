@@ -1,40 +1,53 @@
-// The exported page: steps through the growth of a shape, in 3D and flattened, with its picks. It has no server.
+// The exported page: steps through the growth of a shape, in 3D and flattened, with its picks. It has no server: its
+// actions are done here, and their table gives buttons, keys and the sheet of commands, as on the operator page.
 
+import { turned } from "../both/seen.js";
 import { FlatCanvas } from "../canvas/canvas.js";
 import { drawPieces } from "../canvas/pieces.js";
-import {
-  buttonOf,
-  byId,
-  contextOf,
-  findAll,
-  isPlain,
-  make,
-  setCurrent,
-  setPressed,
-  setText,
-  showWords,
-  targetOf,
-  within,
-} from "../page/dom.js";
-import { cm2, count, floatingOf, keyName, number, tipOf } from "../page/format.js";
-import { keyOf } from "../page/keys.js";
-import { startTips } from "../page/notices.js";
-import { applyTheme, onTheme } from "../page/theme.js";
-import { actionTable } from "./actions.js";
-import { CloudView } from "./cloud.js";
-import { showDecisions, showPick, showPicks, showValues } from "./details.js";
-import { turned } from "../both/seen.js";
 import { drawGarment } from "../garment/marks.js";
-import { showGarment } from "./garment.js";
-import { unpack } from "./data.js";
+import { GESTURES, showCommands } from "../page/commands.js";
+import { buttonOf, byId, contextOf, findAll, make, setCurrent, setPressed, setText } from "../page/dom.js";
+import { showWords, within } from "../page/dom.js";
+import { cm2, count, floatingOf, number } from "../page/format.js";
+import { startKeys } from "../page/keys.js";
+import { startTips } from "../page/notices.js";
+import { Page } from "../page/page.js";
+import { applyTheme, onTheme, toggleTheme } from "../page/theme.js";
 import { showLegend } from "../panels/readout.js";
+import { CloudView } from "./cloud.js";
+import { unpack } from "./data.js";
+import { copyPick, showDecisions, showPick, showPicks, showValues } from "./details.js";
+import { showGarment } from "./garment.js";
 
-const canvasOf = (/** @type {string} */ id) => /** @type {HTMLCanvasElement} */ (byId(id));
 const PLAY_MS = 1300;
 const NEW = [255, 140, 0];
+/** Name, group, keys, title, what it does. */
+const ACTIONS = `
+play | growth | Space | Play | Play the growth from the start view, or pause.
+back | growth | , ArrowLeft | Back | Show the step before.
+forward | growth | . ArrowRight | Forward | Show the next step.
+first | growth | Home | Start | Show the start view alone.
+last | growth | End | Whole | Show the whole shape.
+tint | growth | n | New | Mark what the step has added.
+turn_over | view | m | Turn over | Show the other side of the garment; again: back.
+fit | view | f | Fit | Fit the flattened shape into its pane.
+zoom_in | view | + = | Zoom in | Zoom in.
+zoom_out | view | - | Zoom out | Zoom out.
+reset | view | r | Camera | Look in 3D from where the camera stood, and follow it.
+copy | page | c | Copy | Copy the numbers of the current pick.
+theme | page | t | Theme | Switch between light and dark.
+help | page | ? | Commands | Show all commands with their keys; find one by a few letters.
+`;
 
-export class Page {
+export class OfflinePage extends Page {
   constructor(/** @type {OfflineData} */ { history, layers, cloth, other, around }) {
+    super({
+      send: () => false,
+      notify: (_, text) => setText(byId("hint"), text),
+      run: (name) => this.does[name](),
+      show: () => this.show(),
+      decide: () => {},
+    });
     this.history = history;
     /** @type {Record<SideName, OfflineData["other"]>} */
     this.sides = { this: { layers, cloth }, other };
@@ -45,40 +58,46 @@ export class Page {
     this.layer = history.layers[0].name;
     this.tint = false; // whether the pixels that a step added are marked
     this.current = /** @type {OfflinePick | null} */ (null);
-    this.flat = new FlatCanvas({
+    this.pointed = /** @type {string | null} */ (null); // the named point of the garment that is pointed at
+    this.timer = /** @type {number | null} */ (null);
+    this.flat = this.canvas = new FlatCanvas({
       pick: (u, v) => this.pickAt(u, v),
       hover: (u, v) => showValues(this, u, v),
       nudge: () => {},
       mayDrag: () => false,
     });
-    // They lie beside the shape as they do in the end.
-    this.flat.drawers.push((context, style) =>
-      drawPieces(this.flat, context, style, this.step === this.last ? floatingOf(this.shownSide).pieces : [], null),
-    );
-    this.pointed = /** @type {string | null} */ (null); // the named point of the garment that is pointed at
-    this.timer = /** @type {number | null} */ (null);
-    this.flat.drawers.push((context, style) => {
-      const { found } = this.garment;
-      if (this.step === this.last && found?.kind) drawGarment(this.flat, context, style, found, this.pointed);
+    this.draws({
+      drawOver: () => {
+        if (this.step < this.last) return; // pieces and garment lie as they do in the end
+        drawPieces(this.flat, floatingOf(this.shownSide).pieces, null);
+        const { found } = this.garment;
+        if (found?.kind) drawGarment(this.flat, found, this.pointed);
+      },
     });
     const { low, high } = history.extent;
     const scene = {
       cloth,
       around,
       axis: history.axis,
-      axisLine: [history.axis.line],
       cameras: history.steps.map((s) => s.camera_m),
       center: low.map((x, i) => (x + high[i]) / 2),
       halfExtents: history.half_extents_m,
       spacing: history.around_spacing_m,
       start: this.step,
     };
-    this.cloud = new CloudView(canvasOf("cloud"), scene, (n) => {
+    this.cloud = new CloudView(/** @type {HTMLCanvasElement} */ (byId("cloud")), scene, (n) => {
       if (n < 0) return;
       this.turn("this"); // the points of the scene are those of this side
       this.pick(n, 0);
     });
-    this.actions = actionTable(this);
+    const layerActions = history.layers.map(({ name, title, about }, i) =>
+      [`layer_${name}`, "layer", i + 1, title, `Show ${about}.`].join(" | "),
+    );
+    const actions = [...ACTIONS.trim().split("\n"), ...layerActions].map((row) => {
+      const [name, group, keys, title, description] = row.split(" | ");
+      return { name, group, mode: "", keys: keys.split(" "), title, description, why_not: null };
+    });
+    this.state = /** @type {State} */ (/** @type {unknown} */ ({ actions }));
     this.fixed();
     this.show();
     // Upright, as the operator page shows a finished garment.
@@ -86,33 +105,38 @@ export class Page {
     if (turn) this.flat.turnTo((turn + 2 * Math.PI) % (2 * Math.PI));
   }
 
-  button(/** @type {string} */ name) {
-    const action = /** @type {OfflineAction} */ (this.actions.find((a) => a.name === name));
-    const { label, keys, title, run } = action;
-    return make(
-      "button.button",
-      { label, key: name, data: { action: name }, tip: tipOf(action), click: run },
-      title,
-      make("kbd", keyName(keys[0])),
-    );
+  /** @type {Record<string, () => unknown>} what each action does */
+  get does() {
+    const layers = this.history.layers.map(({ name }) => [`layer_${name}`, () => this.look({ layer: name })]);
+    return {
+      play: () => this.togglePlay(),
+      back: () => this.stepBy(-1),
+      forward: () => this.stepBy(1),
+      first: () => this.goTo(0, true),
+      last: () => this.goTo(this.last, false),
+      tint: () => this.look({ tint: !this.tint }),
+      turn_over: () => this.turnOver(),
+      fit: () => this.flat.fit(),
+      zoom_in: () => this.flat.zoomBy(1.4),
+      zoom_out: () => this.flat.zoomBy(1 / 1.4),
+      reset: () => this.cloud.lookAgain(),
+      copy: () => copyPick(this),
+      theme: toggleTheme,
+      help: () => showCommands([...this.state.actions, ...GESTURES], this.run),
+      ...Object.fromEntries(layers),
+    };
   }
 
   /** What does not change. */
   fixed() {
-    const { recording, method, layers, steps } = this.history;
-    setText(
-      byId("recording"),
-      `${recording.name} · ${count(recording.angles_deg.length, "view")} · method ${method}`,
-    );
+    const { recording, method, layers, steps, other } = this.history;
+    const views = count(recording.angles_deg.length, "view");
+    setText(byId("recording"), `${recording.name} · ${views} · method ${method}`);
     if (recording.description) byId("recording").dataset.tip = recording.description;
-    const tools = {
-      "page-actions": ["tint", ...(this.history.other ? ["turn_over"] : []), "theme", "help"],
-      layers: layers.map(({ name }) => `layer_${name}`),
-      "zoom-tools": ["zoom_out", "zoom_in", "fit"],
-      "cloud-tools": ["reset"],
-      "play-tools": ["back", "play", "forward"],
-    };
-    for (const [id, names] of Object.entries(tools)) byId(id).append(...names.map((name) => this.button(name)));
+    byId("layers").dataset.actions = layers.map(({ name }) => `layer_${name}`).join(" ");
+    for (const box of findAll("[data-actions]"))
+      box.append(...(box.dataset.actions ?? "").split(" ").map((name) => this.button(name)));
+    buttonOf("turn_over").hidden = !other;
     buttonOf("play").classList.add("play");
     byId("timeline").append(...steps.map((step) => this.cell(step)));
   }
@@ -152,7 +176,7 @@ export class Page {
 
   turnOver() {
     if (this.history.other) this.turn(this.flat.side === "this" ? "other" : "this");
-    else setText(byId("hint"), "This session has one side: its other side was not computed.");
+    else this.notify("info", "This session has one side: its other side was not computed.");
   }
 
   turn(/** @type {SideName} */ side) {
@@ -161,7 +185,6 @@ export class Page {
     this.flat.side = side;
     this.cloth = shown.cloth;
     this.layers = shown.layers;
-    this.flat.boxes.clear();
     this.flat.extent = null;
     const { angle } = this.flat.transform;
     this.flat.fitted = true;
@@ -217,9 +240,9 @@ export class Page {
     }
     const canvas = new OffscreenCanvas(grid.cols, grid.rows);
     contextOf(canvas).putImageData(image, 0, 0);
-    this.flat.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas }, 0, null);
+    this.flat.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas }, null);
     this.cloud.tint = this.tint ? 0.5 : 0;
-    if (this.flat.side === "this") this.cloud.setColors(colors);
+    if (this.flat.side === "this") this.cloud.colors = colors;
     this.marks();
   }
 
@@ -268,13 +291,9 @@ export class Page {
     this.timer = null;
   }
 
-  setLayer(/** @type {string} */ name) {
-    this.layer = name;
-    this.show();
-  }
-
-  setTint(/** @type {boolean} */ on) {
-    this.tint = on;
+  /** Show another layer, or what is new; or not. @param {{ layer?: string; tint?: boolean }} look */
+  look(look) {
+    Object.assign(this, look);
     this.show();
   }
 
@@ -311,19 +330,9 @@ export class Page {
     showPick(this);
     showPicks(this);
   }
-
-  key(/** @type {KeyboardEvent} */ event) {
-    if (!isPlain(event) || document.querySelector("dialog[open]")) return;
-    const key = keyOf(event);
-    const action = this.actions.find((a) => a.keys.includes(key));
-    // Space presses the button that has the focus.
-    if (!action || (key === "Space" && targetOf(event).closest?.("button"))) return;
-    event.preventDefault();
-    action.run();
-  }
 }
 
-let page = /** @type {Page | null} */ (null);
+let page = /** @type {OfflinePage | null} */ (null);
 
 onTheme(() => {
   page?.flat.redraw();
@@ -332,8 +341,10 @@ onTheme(() => {
 applyTheme();
 startTips();
 try {
-  const made = (page = new Page(await unpack(byId("history").textContent ?? "", byId("arrays").textContent ?? "")));
-  document.addEventListener("keydown", (event) => made.key(event));
+  const made = (page = new OfflinePage(
+    await unpack(byId("history").textContent ?? "", byId("arrays").textContent ?? ""),
+  ));
+  startKeys({ state: () => made.state, modes: () => [], mayMove: () => false, run: made.run });
   applyTheme();
   showValues(made, null, 0);
   Object.assign(window, { flatcloth: page });

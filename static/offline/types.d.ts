@@ -1,19 +1,10 @@
 // The types of the exported page, known to its modules without an import.
 
 import type { Cloth } from "./data.js";
-import type { Page } from "./offline.js";
+import type { OfflinePage as OfflinePageClass } from "./offline.js";
 
 declare global {
-  type OfflinePage = Page;
-  type OfflineAction = {
-    name: string;
-    group: string;
-    keys: string[];
-    title: string;
-    label?: string;
-    description: string;
-    run: () => void;
-  };
+  type OfflinePage = OfflinePageClass;
   type OfflineLayer = { name: string; title: string; about: string; legend: Legend; start: number; count: number };
   type OfflinePick = Omit<ListedPick, "id" | "uv_m" | "kept"> & {
     id: number | null;
@@ -68,8 +59,7 @@ declare global {
   type CloudScene = {
     cloth: Cloth;
     around: Around[];
-    axis: { direction: XYZ };
-    axisLine: [XYZ, XYZ][];
+    axis: { direction: XYZ; line: [XYZ, XYZ] };
     cameras: XYZ[];
     center: number[];
     halfExtents: [number, number];
@@ -77,5 +67,5 @@ declare global {
     start: number;
   };
   type CloudMark = { point: XYZ; gripper: [XYZ, XYZ][] | null } | null;
-  type Eye = { target: number[]; yaw: number; pitch: number; distance: number; zoom: number };
+  type Eye = Record<"x" | "y" | "z" | "yaw" | "pitch" | "distance" | "zoom", number>;
 }

@@ -21,6 +21,12 @@ export const findAll = (/** @type {string} */ selector, /** @type {ParentNode} *
 export const buttonOf = (/** @type {string} */ action, /** @type {ParentNode} */ root = document) =>
   find(`[data-action="${action}"]`, root);
 
+/** Give the button of an action another title. @param {string} action @param {string} title */
+export function setTitle(action, title) {
+  const text = buttonOf(action).firstChild;
+  if (text) text.textContent = title;
+}
+
 /** Show by its outline, too, that an element has the focus. */
 export const focusOn = (/** @type {Element | null | undefined} */ element) =>
   /** @type {HTMLElement | null | undefined} */ (element)?.focus(
@@ -276,6 +282,15 @@ export function rebuild(container, key, build) {
   if (isTyped) next.value = active?.value ?? "";
   else next.select?.(); // as it is when one comes to it with the keyboard
   next.focus();
+}
+
+/**
+ * Rebuild a section of the page, or a part of it; without a key there is nothing to show, and the section is hidden.
+ * @param {string} id @param {unknown} key @param {() => Child} build
+ */
+export function section(id, key, build, part = id) {
+  byId(id).hidden = !key;
+  if (key) rebuild(byId(part), key, build);
 }
 
 /**

@@ -1,11 +1,20 @@
 // The sheet of exports: each is made by the server on request, and then saved.
 
 import { ask } from "./connection.js";
-import { button, byId, findAll, make, rebuild, setText } from "./dom.js";
+import { byId, make, rebuild, setText } from "./dom.js";
 import { cm2, number } from "./format.js";
 
-/** Open the sheet of exports; `notify` reports what became of each. A piece that floats has a file of its own. */
-export function showExports(/** @type {Notify} */ notify, /** @type {State} */ { layers, recording }) {
+/** Let each button that names a file make and save it; `notify` reports what became of it. */
+export function startExports(/** @type {Notify} */ notify, /** @type {() => State} */ stateNow) {
+  document.addEventListener("click", ({ target }) => {
+    const made = /** @type {HTMLElement} */ (target).closest?.("[data-file]");
+    if (made) save(/** @type {HTMLElement} */ (made), notify, stateNow().recording.name);
+  });
+  byId("hand-eye").addEventListener("change", () => takeHandEye(notify));
+}
+
+/** Open the sheet of exports. A piece that floats has a file of its own. */
+export function showExports(/** @type {State} */ { layers }) {
   const pieces = layers?.pieces ?? [];
   rebuild(byId("export-pieces"), pieces, () =>
     pieces.map(({ label, file, area_cm2 }) => [
@@ -13,11 +22,6 @@ export function showExports(/** @type {Notify} */ notify, /** @type {State} */ {
       make("dd", `The floating piece ${label} (${cm2(area_cm2)}), on a plane of its own.`),
     ]),
   );
-  for (const made of findAll("[data-file]", byId("exports"))) {
-    made.dataset.id = made.dataset.file;
-    made.onclick = () => save(made, made.dataset.file ?? "", made.textContent ?? "", notify, recording.name);
-  }
-  byId("hand-eye").onchange = () => takeHandEye(notify);
   byId("exports").showModal();
 }
 
@@ -32,21 +36,10 @@ async function takeHandEye(/** @type {Notify} */ notify) {
   notify(error ? "error" : "info", notice);
 }
 
-/**
- * A button that makes one export and saves it.
- * @param {string} file @param {string} title @param {Notify} notify @param {string} name
- */
-export function exportButton(file, title, notify, name, kind = "") {
-  const made = button(title, () => save(made, file, title, notify, name), { class: kind, key: file });
-  return made;
-}
-
-/**
- * @param {HTMLElement} button @param {string} file @param {string} title
- * @param {Notify} notify @param {string} name
- */
-async function save(button, file, title, notify, name) {
+/** @param {HTMLElement} button @param {Notify} notify @param {string} name */
+async function save(button, notify, name) {
   if (button.getAttribute("aria-busy") === "true") return;
+  const [file, title] = [button.dataset.file, button.textContent ?? ""];
   button.setAttribute("aria-busy", "true");
   const begun = performance.now();
   const seconds = () => (performance.now() - begun) / 1000;

@@ -4,6 +4,19 @@ import { Question } from "./connection.js";
 import { make } from "./dom.js";
 import { keyName, tipOf } from "./format.js";
 
+/** @type {Record<string, string>} what is written on buttons in place of their titles */
+const SIGNS = {
+  zoom_out: "−",
+  zoom_in: "+",
+  refine: "Refine",
+  garment: "Outline",
+  compare_shape: "A",
+  compare_proposal: "B",
+  compare_difference: "Differ",
+  turn_left_seen: "↺",
+  turn_right_seen: "↻",
+};
+
 export class Page {
   constructor(/** @type {PageHandlers} */ handlers) {
     this.handlers = handlers;
@@ -83,7 +96,7 @@ export class Page {
   }
 
   /** The button of an action of the table. */
-  button(/** @type {string} */ name, /** @type {string | null} */ title = null) {
+  button(/** @type {string} */ name, /** @type {string | null} */ title = SIGNS[name] ?? null) {
     const action = this.action(name);
     const key = keyName(action.keys[0]);
     return make(
@@ -104,16 +117,10 @@ export class Page {
   }
 
   /** The same, small. */
-  smallButton(/** @type {string} */ name, /** @type {string | null} */ title = null) {
+  smallButton(/** @type {string} */ name, /** @type {string | undefined} */ title = undefined) {
     const button = this.button(name, title);
     button.classList.add("small");
     return button;
-  }
-
-  /** A button that turns the item to a view. @param {number} view @param {string} key @param {string} text */
-  turnTo(view, key, text) {
-    const click = () => this.send({ type: "turn_to", view_index: view });
-    return make("button", { key, tip: "Turn the item to this view.", click }, text);
   }
 
   /** What a panel does for an action, if one does. */

@@ -5,7 +5,8 @@
 // is never hidden, and follows the pointer without waiting for the scene.
 
 import { PagePart } from "./page.js";
-import { drawDot, drawLabel, drawRing, strokeRimmed, strokeLine } from "../canvas/marks.js";
+import { unit } from "../canvas/geometry.js";
+import { Pen } from "../canvas/pen.js";
 import { byId, sized } from "./dom.js";
 import { number } from "./format.js";
 
@@ -15,19 +16,14 @@ const NORMAL_M = 0.06; // length of the arrow
 /**
  * @typedef {{ id: number; position_held_m: XYZ }} MarkedPick
  * @typedef {{ elements: number[] }} Matrix4
- * @typedef {Record<
- *   "matrixWorld" | "matrixWorldInverse" | "projectionMatrix" | "projectionMatrixInverse", Matrix4
- * >} Camera of three.js
- * @typedef {{ camera: Camera; world: number[]; canvas: HTMLCanvasElement; redraw(): void }} SceneView of viser's page
+ * @typedef {{ inCamera: DOMMatrix; seen: DOMMatrix; canvas: HTMLCanvasElement; redraw(): void }} SceneView from the
+ *   object frame to the camera's, and to where it is seen
  * @typedef {{
- *   nodeRefFromName?: Record<string, { matrixWorld: Matrix4 }>; camera?: Camera; canvas?: HTMLCanvasElement;
- *   requestRender?(): void
+ *   nodeRefFromName?: Record<string, { matrixWorld: Matrix4 }>; canvas?: HTMLCanvasElement; requestRender?(): void;
+ *   camera?: Record<"matrixWorldInverse" | "projectionMatrix", Matrix4>
  * }} Viser what viser's page has of itself
  * @typedef {{ origin_m: XYZ; direction: XYZ }} Ray
  */
-
-/** A vector that is so many times as long. @returns {XYZ} */
-const scaled = (/** @type {XYZ} */ [x, y, z], /** @type {number} */ by) => [by * x, by * y, by * z];
 
 export class SceneMarks extends PagePart {
   name = "sceneMarks";
@@ -85,7 +81,7 @@ export class SceneMarks extends PagePart {
   /** The pointer is over the flattened view: its point in space has a cursor. */
   hovered(/** @type {HoverAnswer | null} */ answer) {
     const at = answer?.shape ?? answer?.proposal ?? null;
-    this.show(at ? scaled(at.xyz_mm, 1 / 1000) : null, null);
+    this.show(at && /** @type {XYZ} */ (at.xyz_mm.map((x) => x / 1000)), null);
   }
 
   // --- the pointer in the scene ------------------------------------------------------------------
@@ -125,33 +121,35 @@ export class SceneMarks extends PagePart {
     const viser = inside?.__viserMutable;
     const node = viser?.nodeRefFromName?.["/live/cloud"];
     if (!node || !viser?.camera || !viser.canvas || !isUpright(node.matrixWorld)) return null;
-    const redraw = () => viser.requestRender?.();
-    return { camera: viser.camera, world: node.matrixWorld.elements, canvas: viser.canvas, redraw };
+    const { projectionMatrix, matrixWorldInverse } = viser.camera;
+    const [project, toCamera, world] = [projectionMatrix, matrixWorldInverse, node.matrixWorld].map(
+      ({ elements }) => new DOMMatrix(elements),
+    );
+    const inCamera = toCamera.multiply(world);
+    return {
+      inCamera,
+      seen: project.multiply(inCamera),
+      canvas: viser.canvas,
+      redraw: () => viser.requestRender?.(),
+    };
   }
 
+  /** The line of sight through a place of the window of the scene, in the object frame. */
   rayAt(/** @type {number} */ x, /** @type {number} */ y) {
     const { view } = this;
     if (!view) return null;
     const box = view.canvas.getBoundingClientRect();
     const [a, b] = [(2 * (x - box.left)) / box.width - 1, 1 - (2 * (y - box.top)) / box.height];
-    const { matrixWorld, projectionMatrixInverse } = view.camera;
-    const [px, py, pz] = applied(projectionMatrixInverse.elements, [a, b, 0.5]);
-    const [ex, ey, ez] = matrixWorld.elements.slice(12, 15);
-    const through = applied(matrixWorld.elements, [px, py, pz]);
-    const back = [...new DOMMatrix(view.world).inverse().toFloat64Array()];
-    const origin = applied(back, [ex, ey, ez]);
-    const end = applied(back, through);
-    /** @type {XYZ} */
-    const direction = [end[0] - origin[0], end[1] - origin[1], end[2] - origin[2]];
-    return { origin_m: origin, direction: scaled(direction, 1 / Math.hypot(...direction)) };
+    const eye = moved(view.inCamera.inverse(), [0, 0, 0]);
+    const far = moved(view.seen.inverse(), [a, b, 1]);
+    return /** @type {Ray} */ ({ origin_m: eye, direction: unit(far.map((value, i) => value - eye[i])) });
   }
 
   /** Where a point of the object frame is seen on the overlay; null behind the eye. */
-  place(/** @type {SceneView} */ view, /** @type {XYZ} */ point) {
-    const seen = applied(view.camera.matrixWorldInverse.elements, applied(view.world, point));
-    if (seen[2] >= 0) return null;
-    const [x, y] = applied(view.camera.projectionMatrix.elements, seen);
-    return { x: ((x + 1) / 2) * view.canvas.clientWidth, y: ((1 - y) / 2) * view.canvas.clientHeight };
+  place(/** @type {SceneView} */ { seen, canvas }, /** @type {XYZ} */ [px, py, pz]) {
+    const { x, y, w } = seen.transformPoint({ x: px, y: py, z: pz });
+    if (w <= 0) return null;
+    return { x: ((x / w + 1) / 2) * canvas.clientWidth, y: ((1 - y / w) / 2) * canvas.clientHeight };
   }
 
   // --- drawing -----------------------------------------------------------------------------------
@@ -159,7 +157,7 @@ export class SceneMarks extends PagePart {
   draw() {
     const { view } = this;
     if (!view) return;
-    const key = `${view.camera.matrixWorldInverse.elements}${view.camera.projectionMatrix.elements}`;
+    const key = view.seen.toFloat64Array().join();
     const [width, height] = [view.canvas.clientWidth, view.canvas.clientHeight];
     const taken = `${view.canvas.width} ${view.canvas.height}`;
     if (taken !== this.taken) view.redraw(); // another size has cleared viser's picture, as that of a hidden pane
@@ -170,84 +168,68 @@ export class SceneMarks extends PagePart {
     this.width = width;
     this.height = height;
     Object.assign(this.overlay.style, { width: `${width}px`, height: `${height}px` });
-    const context = sized(this.overlay, width, height);
-    const style = getComputedStyle(this.overlay);
-    for (const draw of this.drawers) draw(context, style, (point) => this.place(view, point));
-    this.drawn = this.picks.map((pick) => this.drawPick(context, style, view, pick));
-    const at = this.cursor && this.place(view, this.cursor);
-    if (at) drawRing(context, at, style.getPropertyValue("--accent"), 7);
+    const pen = new Pen(sized(this.overlay, width, height));
+    const place = (/** @type {XYZ} */ point) => this.place(view, point);
+    for (const draw of this.drawers) draw(pen, place);
+    this.drawn = this.picks.map((pick) => this.drawPick(pen, place, pick));
+    const at = this.cursor && place(this.cursor);
+    if (at) pen.ring(at, "--accent", 7);
     this.cursorAt = at ?? null;
   }
 
-  /** @param {Context} context @param {Style} style @param {SceneView} view @param {MarkedPick} pick */
-  drawPick(context, style, view, pick) {
-    const at = this.place(view, pick.position_held_m);
+  /** @param {Pen} pen @param {PlaceInScene} place @param {MarkedPick} pick */
+  drawPick(pen, place, pick) {
+    const at = place(pick.position_held_m);
     if (!at) return null;
     const current = pick.id === this.current;
-    if (this.pick && current && this.pick.id === pick.id) this.drawGrip(context, style, view, this.pick);
-    drawDot(context, at, style.getPropertyValue("--pick"), current ? 6 : 4);
-    drawNumber(context, at, pick.id, style, current);
+    if (this.pick && current && this.pick.id === pick.id) drawGrip(pen, place, this.pick);
+    pen.dot(at, "--pick", current ? 6 : 4);
+    drawNumber(pen, at, pick.id, current);
     return { id: pick.id, x: at.x, y: at.y, inside: at.x > EDGE && at.x < this.width - EDGE };
   }
 
-  /**
-   * The normal of a pick as an arrow, and the gripper on it.
-   * @param {Context} context @param {Style} style @param {SceneView} view @param {CurrentPick} pick
-   */
-  drawGrip(context, style, view, { position_held_m: foot, normal_held: normal, grip }) {
-    const lines = (grip?.gripper_m ?? []).map((line) => line.map((point) => this.place(view, point)));
-    const tip = foot.map((x, i) => x + NORMAL_M * (normal[i] ?? NaN));
-    const arrow = [foot, /** @type {XYZ} */ (tip)].map((point) => this.place(view, point));
-    const [from, to] = arrow;
-    if (from && to && Number.isFinite(to.x)) {
-      lines.push(arrow);
-      const [x, y] = [(from.x - to.x) / 5, (from.y - to.y) / 5]; // the barbs are as wide as they are long
-      for (const side of [-1, 1]) lines.push([to, { x: to.x + x - side * y, y: to.y + y + side * x }]);
-    }
-    strokeRimmed(context, style.getPropertyValue("--pick"), 2, () => {
-      for (const [start, end] of lines) {
-        if (!start || !end) continue;
-        context.moveTo(start.x, start.y);
-        context.lineTo(end.x, end.y);
-      }
-    });
-  }
-
-  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
-    if (this.plane) {
-      drawRing(context, this.page.canvas.transform.toPane(...this.plane), style.getPropertyValue("--accent"), 7);
-    }
-    for (const pick of this.page.canvas.marks) {
-      if (pick.id === null) continue;
-      const at = this.page.canvas.transform.toPane(...pick.uv_m);
-      drawNumber(context, at, pick.id, style, pick.id === this.current);
-    }
-  }
-
-  get status() {
-    return { drawn: this.drawn, cursor: this.cursor, cursorAt: this.cursorAt, plane: this.plane };
+  drawOver(/** @type {Pen} */ pen) {
+    if (this.plane) pen.ring(pen.at(this.plane), "--accent", 7);
+    for (const { id, uv_m } of this.canvas.marks)
+      if (id !== null) drawNumber(pen, pen.at(uv_m), id, id === this.current);
   }
 }
 
 /**
- * @param {Context} context @param {Point} parts @param {number} number @param {Style} style
- * @param {boolean} current
+ * The normal of a pick as an arrow, and the gripper on it.
+ * @param {Pen} pen @param {PlaceInScene} place @param {CurrentPick} pick
  */
-function drawNumber(context, { x, y }, number, style, current) {
-  context.font = `${current ? 700 : 600} 12px system-ui, sans-serif`;
-  context.textBaseline = "middle";
-  /** @type {[number, number, number, number]} */
-  const box = [x + 8, y - 18, context.measureText(String(number)).width + 6, 15];
-  drawLabel(context, style, String(number), [x + 11, y - 10], box, { color: "--pick", alpha: 0.9 });
+function drawGrip(pen, place, { position_held_m: foot, normal_held: normal, grip }) {
+  const lines = (grip?.gripper_m ?? []).map((line) => line.map(place));
+  const tip = foot.map((x, i) => x + NORMAL_M * (normal[i] ?? NaN));
+  const [from, to] = [foot, /** @type {XYZ} */ (tip)].map(place);
+  if (from && to && Number.isFinite(to.x)) {
+    const [x, y] = [(from.x - to.x) / 5, (from.y - to.y) / 5]; // the barbs are as wide as they are long
+    lines.push([from, to]);
+    for (const side of [-1, 1]) lines.push([to, { x: to.x + x - side * y, y: to.y + y + side * x }]);
+  }
+  pen.rimmed("--pick", 2, (path) => {
+    for (const [start, end] of lines) {
+      if (!start || !end) continue;
+      path.moveTo(start.x, start.y);
+      path.lineTo(end.x, end.y);
+    }
+  });
+}
+
+/** @param {Pen} pen @param {Point} at @param {number} id @param {boolean} current */
+function drawNumber(pen, { x, y }, id, current) {
+  const font = `${current ? 700 : 600} 12px system-ui, sans-serif`;
+  pen.label(String(id), { x: x + 7, y: y - 10 }, { font, color: "--pick", alpha: 0.9, height: 15 });
 }
 
 /** Whether a matrix from the object frame, in which up is -y, turns up to +y: the identity does not. */
 const isUpright = (/** @type {Matrix4} */ { elements }) => elements[5] < 0;
 
-/** A point moved by a matrix of four columns, divided by its last row. @returns {XYZ} */
-function applied(/** @type {number[]} */ matrix, /** @type {XYZ} */ [x, y, z]) {
-  const at = new DOMMatrix(matrix).transformPoint({ x, y, z });
-  return [at.x / at.w, at.y / at.w, at.z / at.w];
+/** A point moved by a matrix, and divided by its last row. */
+function moved(/** @type {DOMMatrix} */ matrix, /** @type {XYZ} */ [px, py, pz]) {
+  const { x, y, z, w } = matrix.transformPoint({ x: px, y: py, z: pz });
+  return [x / w, y / w, z / w];
 }
 
 // --- In the corners of the 3D scene ------------------------------------------------------------
@@ -260,58 +242,47 @@ const ABOVE_RAD = 0.6;
 const AXES = { x: ["--bad", [1, 0, 0]], y: ["--good", [0, 1, 0]], z: ["--accent", [0, 0, 1]] };
 
 export class Dial extends PagePart {
-  /** @param {Context} context @param {Style} style */
-  drawInScene(context, style) {
+  drawInScene(/** @type {Pen} */ pen) {
     const { state, sceneMarks } = this.page;
     if (this.page.hasCamera || sceneMarks.width < 200) return;
-    context.font = "14px system-ui, sans-serif";
-    context.textBaseline = "middle";
     const from = { x: sceneMarks.width - RADIUS - MARGIN, y: RADIUS + MARGIN };
-    const color = (/** @type {string} */ name) => style.getPropertyValue(name);
-    const dot = (/** @type {Point} */ { x, y }, /** @type {number} */ radius, /** @type {string} */ name) => {
-      context.beginPath();
-      context.arc(x, y, radius, 0, 2 * Math.PI);
-      context.fillStyle = color(name);
-      context.fill();
-    };
     const at = (/** @type {number} */ deg, far = RADIUS) => {
       const turn = (deg * Math.PI) / 180;
       return { x: from.x - far * Math.sin(turn), y: from.y + far * Math.cos(turn) };
     };
-    strokeLine(
-      context,
+    pen.line(
       [...Array(73).keys()].map((n) => at(5 * n)),
-      color("--line"),
+      "--line",
       1,
     );
     for (const { angle_deg, state: was } of state.views) {
-      if (was === "unused") dot(at(angle_deg), 1.5, "--soft");
-      else dot(at(angle_deg), 4, was === "rejected" ? "--bad" : "--good");
+      const { x, y } = at(angle_deg);
+      const color = was === "unused" ? "--soft" : was === "rejected" ? "--bad" : "--good";
+      pen.fill(color, (to) => to.arc(x, y, was === "unused" ? 1.5 : 4, 0, 2 * Math.PI));
     }
     const present = state.views[state.present_view ?? -1]?.angle_deg;
     if (present === undefined) return;
-    strokeLine(context, [at(present, 24), at(present, RADIUS + 12)], color("--text"), 3);
-    const next = state.active?.angle_deg ?? present;
-    strokeLine(context, [at(present, 26), at(next, 26)], color("--accent"), 2, [4, 3]);
-    drawLabel(context, style, `${number(present, 0)}°`, [from.x - 14, from.y], [from.x - 16, from.y - 9, 34, 18]);
-    this.drawAxes(context, color);
+    pen.line([at(present, 24), at(present, RADIUS + 12)], "--text", 3);
+    pen.line([at(present, 26), at(state.active?.angle_deg ?? present, 26)], "--accent", 2, [4, 3]);
+    const font = "14px system-ui, sans-serif";
+    const text = `${number(present, 0)}°`;
+    pen.label(text, { x: from.x - pen.widthOf(text, font) / 2, y: from.y }, { font });
+    this.drawAxes(pen, font);
   }
 
   /** The object frame from a little above the camera; an axis that points at it or away has no letter. */
-  drawAxes(/** @type {Context} */ context, /** @type {(name: string) => string} */ color) {
+  drawAxes(/** @type {Pen} */ pen, /** @type {string} */ font) {
     const { view } = this.page.sceneMarks;
     if (!view) return;
-    const seen = (/** @type {XYZ} */ point) =>
-      applied(view.camera.matrixWorldInverse.elements, applied(view.world, point));
-    const from = seen([0, 0, 0]);
-    Object.entries(AXES).forEach(([name, [shade, unit]]) => {
-      const [x, y, z] = seen(unit).map((value, i) => value - from[i]);
+    const from = moved(view.inCamera, [0, 0, 0]);
+    for (const [name, [color, way]] of Object.entries(AXES)) {
+      const [x, y, z] = moved(view.inCamera, way).map((value, i) => value - from[i]);
       const at = (/** @type {number} */ far) => {
         return { x: 48 + far * x, y: 48 + far * (Math.sin(ABOVE_RAD) * z - Math.cos(ABOVE_RAD) * y) };
       };
-      strokeLine(context, [at(0), at(AXIS_PX)], color(shade), 2);
-      context.fillStyle = color(shade);
-      if (Math.hypot(x, y) > 0.5) context.fillText(name, at(1.4 * AXIS_PX).x - 4, at(1.4 * AXIS_PX).y);
-    });
+      pen.line([at(0), at(AXIS_PX)], color, 2);
+      const letter = { x: at(1.4 * AXIS_PX).x - 9, y: at(1.4 * AXIS_PX).y };
+      if (Math.hypot(x, y) > 0.5) pen.label(name, letter, { font, color, alpha: 0 });
+    }
   }
 }

@@ -1,6 +1,6 @@
 // The buttons: made from the server's table of actions, so that names, keys and reasons are one.
 
-import { buttonOf, byId, findAll, make, rebuild, setAllowed, setPressed } from "./dom.js";
+import { buttonOf, byId, findAll, make, rebuild, setAllowed, setPressed, setTitle } from "./dom.js";
 import { tipOf } from "./format.js";
 import { stepOf } from "../active/panel.js";
 import { LAYERS, layerAction } from "../canvas/look.js";
@@ -9,8 +9,6 @@ import { PagePart } from "./page.js";
 const SESSION = "step accept reject skip | undo redo | auto";
 /** @type {Record<string, string>} */
 const MORE = { reject: "reject_menu" };
-/** @type {Record<string, string>} what is written on buttons in place of their titles */
-const SIGNS = { zoom_out: "−", zoom_in: "+", refine: "Refine", garment: "Outline" };
 
 export class Toolbar extends PagePart {
   update(/** @type {State} */ state) {
@@ -22,7 +20,6 @@ export class Toolbar extends PagePart {
     byId("layers").dataset.actions = [...new Set(layers)].map(layerAction).join(" ");
     byId("look-tools").dataset.actions = camera ? "look" : "look turn_over";
     for (const box of findAll("[data-actions]")) this.build(box);
-    this.buildOverlay();
     for (const action of state.actions)
       for (const button of findAll(`[data-action="${action.name}"]`))
         setAllowed(button, action.why_not, tipOf(action));
@@ -54,7 +51,7 @@ export class Toolbar extends PagePart {
       actions.split(" ").map((name) => {
         if (!name) return null;
         if (name === "|") return make("span.gap", { "aria-hidden": "true" });
-        const button = this.page.button(name, SIGNS[name]);
+        const button = this.page.button(name);
         button.classList.toggle("small", container.matches(".group.small"));
         const more = MORE[name];
         return more ? make("span.joined", button, this.more(more)) : button;
@@ -69,18 +66,4 @@ export class Toolbar extends PagePart {
     if (name === "reject_menu") button.setAttribute("aria-haspopup", "dialog");
     return button;
   }
-
-  buildOverlay() {
-    const { page } = this;
-    rebuild(byId("overlay-tools"), ["overlay"], () => [
-      page.button("diagnostics"),
-      make("details#compare", make("summary", "Compare"), page.comparison.buttons()),
-    ]);
-  }
-}
-
-/** Give the button of an action another title. @param {string} action @param {string} title */
-function setTitle(action, title) {
-  const text = buttonOf(action).firstChild;
-  if (text) text.textContent = title;
 }

@@ -5,6 +5,7 @@ import type * as E from "./elements";
 import type { FlatCanvas as FlatCanvasClass } from "../canvas/canvas.js";
 import type { Looking as LookingClass } from "../canvas/look.js";
 import type { Comparison as ComparisonClass } from "../canvas/compare.js";
+import type { Pen as PenClass } from "../canvas/pen.js";
 import type { Picture as PictureClass } from "../canvas/picture.js";
 import type { Pyramid as PyramidClass } from "../canvas/pyramid.js";
 import type { Ruler as RulerClass } from "../canvas/ruler.js";
@@ -154,7 +155,7 @@ declare global {
   type Listeners = { [Name in keyof HTMLElementEventMap]?: (event: HTMLElementEventMap[Name]) => unknown };
 
   type Context = CanvasRenderingContext2D;
-  type Style = CSSStyleDeclaration;
+  type Pen = PenClass;
   type Drawable = HTMLCanvasElement | OffscreenCanvas | ImageBitmap;
   type Numbers = ArrayLike<number>;
   type UV = [number, number];
@@ -189,11 +190,12 @@ declare global {
     rim?: UV[];
     outline?: Pyramid;
   };
+  type LabelLook = { font?: string; color?: string; alpha?: number; height?: number; width?: number | null };
   /** Draws over the pictures of the flattened view. */
-  type Drawer = (context: Context, style: Style) => void;
+  type Drawer = (pen: Pen) => void;
   /** Where a point in space is seen on the overlay of the scene; null behind the eye. */
   type PlaceInScene = (point: XYZ) => Point | null;
-  type SceneDrawer = (context: Context, style: Style, place: PlaceInScene) => void;
+  type SceneDrawer = (pen: Pen, place: PlaceInScene) => void;
   /** A mode of the pointer on the canvas. */
   type Tool = {
     press(at: PointerPlace): boolean;

@@ -5,7 +5,7 @@ import { PagePart } from "../page/page.js";
 import { boxOf } from "../canvas/geometry.js";
 import { ask } from "../page/connection.js";
 import { opened } from "../offline/parcel.js";
-import { button, buttonOf, byId, field, make, numberBox, rebuild, setAllowed, setText } from "../page/dom.js";
+import { buttonOf, byId, field, make, numberBox, rebuild, setText } from "../page/dom.js";
 import { count, degrees, number } from "../page/format.js";
 
 /** @type {Record<string, "keep" | "repeat" | "turned">} */
@@ -24,6 +24,12 @@ export class CapturePanel extends PagePart {
   status = /** @type {CaptureStatus | null} */ (null);
   frame = /** @type {FrameInfo | null} */ (null); // what is shown
   watching = false; // whether frames come
+
+  constructor(/** @type {Page} */ page) {
+    super(page);
+    byId("capture-begin").addEventListener("click", () => this.send("begin"));
+    byId("capture-finish").addEventListener("click", () => this.send("finish"));
+  }
 
   /** The program may have started again, and count its frames anew. */
   reconnected() {
@@ -116,21 +122,11 @@ export class CapturePanel extends PagePart {
     const names = status.announced && status.phase === "turn" ? [] : (BUTTONS[status.phase] ?? []);
     const idle = ["idle", "done"].includes(status.phase);
     byId("capture-buttons").hidden = status.ended !== null;
-    const begin = button(status.phase === "done" ? "Go on" : "Begin capture", () => this.send("begin"), {
-      class: "primary",
-      key: "capture-begin",
-      tip: "Views are written to the folder below, each before the next.",
-    });
-    const finish = button("Finish", () => this.send("finish"), {
-      key: "capture-finish",
-      tip: "End the capture; a view that is not kept is dropped.",
-    });
-    rebuild(byId("capture-buttons"), [names, idle, status.phase === "done"], () => [
-      ...names.map((name) => this.page.button(name)),
-      idle ? begin : finish,
-    ]);
-    for (const name of names) setAllowed(buttonOf(name), this.page.action(name).why_not, this.page.tip(name));
-    if (names.includes("capture_keep")) buttonOf("capture_keep").classList.add("primary");
+    for (const name of Object.keys(ACTIONS)) buttonOf(name).hidden = !names.includes(name);
+    buttonOf("capture_keep").classList.add("primary");
+    setText(byId("capture-begin"), status.phase === "done" ? "Go on" : "Begin capture");
+    byId("capture-begin").hidden = !idle;
+    byId("capture-finish").hidden = idle;
   }
 
   /** @param {import("../page/messages").Capture["action"]} action @param {number} [angle_deg] */

@@ -2,8 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { askJson, Fetched } from "../page/connection.js";
-import { applied, nearest } from "../canvas/geometry.js";
-import { drawDot, strokeLine } from "../canvas/marks.js";
+import { applied, endsOf, nearest } from "../canvas/geometry.js";
 import { byId, setText } from "../page/dom.js";
 import { degrees, number, count } from "../page/format.js";
 import { symbols } from "../teaching/frame.js";
@@ -40,10 +39,6 @@ export class Diagnostics extends PagePart {
     return this.panel.hidden ? null : this.fetched.value;
   }
 
-  get status() {
-    return { open: this.open, known: this.known, pair: this.marked };
-  }
-
   /** Take a state; what it is about is fetched while the panel is open. */
   update(/** @type {State} */ { layers, pending }) {
     const overlay = pending && layers?.overlay;
@@ -76,10 +71,10 @@ export class Diagnostics extends PagePart {
 
   /** The pair of cloth under the pointer. */
   hover(/** @type {Place | null} */ at) {
-    const { toPane } = this;
+    const { pen } = this.canvas;
     const { pairs } = this.known ?? {};
     const places = pairs?.shape_uv_m ?? [];
-    const pair = at ? nearest(places.keys(), (n) => [toPane(places[n])], toPane([at.u_m, at.v_m]), NEAR_PX) : null;
+    const pair = at ? nearest(places.keys(), (n) => [pen.at(places[n])], pen.at([at.u_m, at.v_m]), NEAR_PX) : null;
     if (pair === this.marked) return;
     this.marked = pair;
     setText(byId("diagnostics-column"), pairs && pair !== null ? textOf(pairs, pair) : "");
@@ -88,56 +83,46 @@ export class Diagnostics extends PagePart {
 
   // --- on the canvas and in 3D -------------------------------------------------------------------
 
-  toPane = (/** @type {UV} */ [u, v]) => this.canvas.transform.toPane(u, v);
-
-  /** @param {Context} context @param {Style} style */
-  drawOver(context, style) {
+  drawOver(/** @type {Pen} */ pen) {
     if (!this.known) return;
     const { pairs, reasons } = this.known;
     pairs?.shape_uv_m.forEach((from, n) => {
       const [u, v] = from.map((value, i) => value + STRETCH * (pairs.placed_uv_m[n][i] - value));
-      this.drawPair(context, pairs, n, this.toPane(from), this.toPane([u, v]), 1.25);
+      this.drawPair(pen, pairs, n, pen.at(from), pen.at([u, v]), 1.25);
     });
     const { correspondence: lines, current_from_new: own } = reasons;
     if (pairs || !lines) return;
-    this.drawLine(context, lines.current, [0, 0, 0], style.getPropertyValue("--kept"));
-    this.drawLine(context, lines.new, [own.theta_rad, own.u_m, own.v_m], style.getPropertyValue("--new"));
+    drawLine(pen, lines.current, [0, 0, 0], "--kept");
+    drawLine(pen, lines.new, [own.theta_rad, own.u_m, own.v_m], "--new");
   }
 
-  /** @param {Context} context @param {Style} _ @param {PlaceInScene} place */
-  drawInScene(context, _, place) {
+  drawInScene(/** @type {Pen} */ pen, /** @type {PlaceInScene} */ place) {
     const { pairs } = this.known ?? {};
     pairs?.shape_xyz_m.forEach((from, n) =>
-      this.drawPair(context, pairs, n, place(from), place(pairs.new_xyz_m[n]), 1.5),
+      this.drawPair(pen, pairs, n, place(from), place(pairs.new_xyz_m[n]), 1.5),
     );
   }
 
   /**
-   * @param {Context} context @param {Pairs} pairs @param {number} n @param {Point | null} a @param {Point | null} b
+   * @param {Pen} pen @param {Pairs} pairs @param {number} n @param {Point | null} a @param {Point | null} b
    * @param {number} width
    */
-  drawPair(context, { residual_mm, limit_mm }, n, a, b, width) {
+  drawPair(pen, { residual_mm, limit_mm }, n, a, b, width) {
     if (!a || !b) return;
     const color = colorAt(residual_mm[n], limit_mm);
     const on = n === this.marked;
-    strokeLine(context, [a, b], color, on ? 3 : width);
-    if (on) return drawDot(context, a, color, 6);
-    context.fillStyle = color;
-    context.fillRect(a.x - 1, a.y - 1, 2.5, 2.5);
+    pen.line([a, b], color, on ? 3 : width);
+    if (on) pen.dot(a, color, 6);
+    else pen.squares([a], color, 2.5);
   }
+}
 
-  /** @param {Context} context @param {ZLine} line @param {Motion} motion @param {string} color */
-  drawLine(context, { pixels_uv_m: pixels, center_uv_m: [cu, cv], direction: [du, dv], point_uv_m }, motion, color) {
-    const at = (/** @type {UV} */ [u, v]) => this.toPane(applied(motion, u, v));
-    context.fillStyle = color;
-    context.globalAlpha = 0.55;
-    for (const { x, y } of pixels.map(at)) context.fillRect(x - 1, y - 1, 2, 2);
-    context.globalAlpha = 1;
-    const along = pixels.map(([u, v]) => (u - cu) * du + (v - cv) * dv);
-    const ends = [Math.min(...along), Math.max(...along)].map((t) => at([cu + t * du, cv + t * dv]));
-    strokeLine(context, ends, color, 2.5);
-    drawDot(context, at([point_uv_m[0], point_uv_m[1]]), color, 6);
-  }
+/** @param {Pen} pen @param {ZLine} line @param {Motion} motion @param {string} color */
+function drawLine(pen, line, motion, color) {
+  const at = (/** @type {UV} */ uv) => pen.at(applied(motion, ...uv));
+  pen.squares(line.pixels_uv_m.map(at), color, 2, 0.55);
+  pen.line(endsOf(line).map(at), color, 2.5);
+  pen.dot(at([line.point_uv_m[0], line.point_uv_m[1]]), color, 6);
 }
 
 /** What pairs of cloth say, in a line. */

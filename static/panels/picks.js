@@ -1,7 +1,18 @@
 // The current pick with its grip, and the list of all picks.
 
 import { PagePart } from "../page/page.js";
-import { byId, closeButton, field, heading, make, numberBox, rebuild, smallButton, values } from "../page/dom.js";
+import {
+  byId,
+  closeButton,
+  field,
+  heading,
+  make,
+  numberBox,
+  rebuild,
+  section,
+  smallButton,
+  values,
+} from "../page/dom.js";
 import { degrees, mm, number, vector } from "../page/format.js";
 import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "./pick_text.js";
 
@@ -14,8 +25,7 @@ export class PicksPanel extends PagePart {
     rebuild(byId("pick"), [pick, Boolean(layers)], () =>
       pick ? this.present(pick) : [make("h2", "Pick"), make("p.nothing", layers ? HOW_TO_PICK : NOT_YET)],
     );
-    byId("picks").hidden = !picks.length;
-    rebuild(byId("picks"), [picks, pick?.id ?? null], () => this.list(picks, pick?.id ?? null));
+    section("picks", picks.length > 0 && [picks, pick?.id], () => this.list(picks, pick?.id ?? null));
   }
 
   async copy() {
@@ -33,11 +43,9 @@ export class PicksPanel extends PagePart {
   // --- the current pick --------------------------------------------------------------------------
 
   present(/** @type {CurrentPick} */ pick) {
-    const copy = smallButton("Copy", () => this.copy(), { key: "copy", tip: "Copy all numbers in metres" });
-    copy.append(make("kbd", "C"));
     const angle = `${number(pick.angle_deg, 0)}°`;
     return [
-      heading(pick.name, copy),
+      heading(pick.name, this.page.smallButton("copy", "Copy")),
       values(
         ["Place, mm", vector(pick.position_held_m, 1, 1000), "x y z in the object frame"],
         [

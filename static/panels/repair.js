@@ -2,8 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { applied, unapplied } from "../canvas/geometry.js";
-import { drawDot, strokeRimmed } from "../canvas/marks.js";
-import { byId, closeButton, make, rebuild, setText } from "../page/dom.js";
+import { byId, closeButton, make, section, setText } from "../page/dom.js";
 import { cm2, number } from "../page/format.js";
 
 const REACH_PX = 11;
@@ -49,9 +48,8 @@ export class Repair extends PagePart {
 
   /** The connected parts of the view, if it has several: which one is placed. */
   showPieces(/** @type {Pending} */ { pieces, view_index }) {
-    const box = byId("pieces");
-    box.hidden = pieces.length < 2;
-    rebuild(box, [pieces, view_index], () => pieces.map((piece) => this.piece(piece, view_index)));
+    const key = pieces.length > 1 && [pieces, view_index];
+    section("pieces", key, () => pieces.map((piece) => this.piece(piece, view_index)));
   }
 
   piece(/** @type {Pending["pieces"][number]} */ piece, /** @type {number} */ view_index) {
@@ -184,10 +182,9 @@ export class Repair extends PagePart {
   }
 
   showPairs() {
-    const box = byId("pairs");
-    box.hidden = !this.picking && !this.pairs.length;
     const enough = this.whole().length > 1;
-    rebuild(box, [this.picking, this.pairs.length, this.pairs.map((p) => Boolean(p.shape)), this.fit], () => [
+    const isShown = this.picking || this.pairs.length > 0;
+    section("pairs", isShown && [this.picking, this.pairs.map((p) => Boolean(p.shape)), this.fit], () => [
       make("p.note", this.nextClick()),
       this.pairs.length > 0 && make("ol.pairs", ...this.pairs.map((pair, i) => this.row(pair, i))),
       enough &&
@@ -250,22 +247,23 @@ export class Repair extends PagePart {
     return { pair, index, end, ...this.canvas.transform.toPane(...place) };
   }
 
-  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Pen} */ pen) {
     const ends = this.ends();
+    const { context } = pen;
     context.font = "600 12px system-ui, sans-serif";
     context.textAlign = "center";
     context.textBaseline = "middle";
     for (const { pair, x, y, end } of ends) {
       if (end !== "own" || !pair.shape) continue;
-      const to = this.canvas.transform.toPane(...pair.shape);
-      strokeRimmed(context, style.getPropertyValue("--accent"), 2, () => {
+      const to = pen.at(pair.shape);
+      pen.rimmed("--accent", 2, () => {
         context.moveTo(x, y);
         context.lineTo(to.x, to.y);
       });
     }
     for (const { index, end, x, y } of ends) {
-      drawDot(context, { x, y }, style.getPropertyValue(end === "own" ? "--text" : "--accent"), 9, 2);
-      context.fillStyle = style.getPropertyValue(end === "own" ? "--panel" : "--on-accent");
+      pen.dot({ x, y }, end === "own" ? "--text" : "--accent", 9, 2);
+      context.fillStyle = pen.color(end === "own" ? "--panel" : "--on-accent");
       context.fillText(String(index + 1), x, y + 0.5);
     }
     context.textAlign = "start";

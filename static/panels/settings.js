@@ -51,7 +51,7 @@ export class SettingsSheet extends PagePart {
     const tip = `Reset: default: ${options[String(usual)] ?? textOf(usual)}`;
     return [
       make("label", { for: id }, title),
-      control(row, value, set, { id, key: id, "aria-describedby": `${id}-about` }),
+      control(row, value, set),
       make(
         "span",
         value !== usual &&
@@ -65,9 +65,10 @@ export class SettingsSheet extends PagePart {
 /**
  * What a setting is changed by.
  * @param {Setting} row @param {unknown} value @param {(next: boolean | number | string) => unknown} set
- * @param {{ id?: string; key: string; label?: string; "aria-describedby"?: string }} about
  */
-export function control(row, value, set, about) {
+function control(row, value, set) {
+  const id = `setting-${row.name}`;
+  const about = { id, key: id, "aria-describedby": `${id}-about` };
   if (typeof value === "boolean") return tickBox(value, set, about);
   if (typeof value === "string")
     return choice(Object.entries(row.options), value, { ...about, change: ({ target }) => set(target.value) });

@@ -2,8 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { askPicture, Fetched } from "../page/connection.js";
-import { strokeLine } from "../canvas/marks.js";
-import { byId, make, rebuild, setText, within } from "../page/dom.js";
+import { byId, make, section, setText, within } from "../page/dom.js";
 import { mm } from "../page/format.js";
 
 const RADII_MM = [4, 6, 8, 10, 15, 20, 30];
@@ -76,9 +75,8 @@ export class SidesPanel extends PagePart {
 
   show(/** @type {NonNullable<State["sides"]>} */ known) {
     setText(byId("sides-text"), known.text);
-    const conflicts = byId("sides-conflicts");
-    conflicts.hidden = !known.conflicts.length;
-    rebuild(conflicts, known.conflicts, () => known.conflicts.map((text) => make("li", text)));
+    const { conflicts } = known;
+    section("sides-conflicts", conflicts.length > 0 && conflicts, () => conflicts.map((text) => make("li", text)));
     this.showRadius();
   }
 
@@ -211,8 +209,8 @@ export class SidesPanel extends PagePart {
     return this.side !== null;
   }
 
-  color(/** @type {Element} */ element) {
-    return getComputedStyle(element).getPropertyValue(COLORS[this.kind ?? "this"]);
+  get color() {
+    return COLORS[this.kind ?? "this"];
   }
 
   paintImage(/** @type {number} */ view, /** @type {UV[]} */ points) {
@@ -256,23 +254,16 @@ export class SidesPanel extends PagePart {
     this.image.want(key && `sides/shape.png?revision=${key}`);
   }
 
-  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Pen} */ pen) {
     const canvas = this.canvas;
     const shown = canvas.layer.shown;
     const { value: image } = this.image;
     if (image && shown && image.width === shown.grid.cols) canvas.drawPicture(shown, image);
-    if (!this.kind) return;
     const line = this.line ?? this.cutLine;
-    if (!line) return;
+    if (!this.kind || !line) return;
     const width = this.kind === "cut" ? 3 : Math.max(2, 2 * this.radius_m * canvas.transform.scale);
-    context.save();
-    context.globalAlpha = this.kind === "cut" ? 1 : 0.55;
-    strokeLine(
-      context,
-      line.map(([u, v]) => canvas.transform.toPane(u, v)),
-      style.getPropertyValue(COLORS[this.kind]),
-      width,
-    );
-    context.restore();
+    pen.context.globalAlpha = this.kind === "cut" ? 1 : 0.55;
+    pen.line(line.map(pen.at), COLORS[this.kind], width);
+    pen.context.globalAlpha = 1;
   }
 }

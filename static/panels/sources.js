@@ -3,19 +3,18 @@
 import { PagePart } from "../page/page.js";
 import { zoomedBox } from "../canvas/geometry.js";
 import { askJson, askPicture, Fetched } from "../page/connection.js";
-import { strokeLine, strokeRimmed, traceCross } from "../canvas/marks.js";
+import { Pen, traceCross } from "../canvas/pen.js";
 import { onPinch } from "../canvas/pinch.js";
 import {
-  buttonOf,
   byId,
   isPlain,
   make,
   onWheel,
-  rebuild,
-  setPressed,
+  section,
   setText,
+  setTitle,
+  showWords,
   sized,
-  smallButton,
   taken,
   WAYS,
   within,
@@ -74,7 +73,7 @@ export class SourcePanel extends PagePart {
   rests = 0;
   at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
   kept = /** @type {Map<string, any>} */ (new Map()); // what was fetched, by address
-  imageCanvas = make("canvas#source-canvas", { role: "img" });
+  imageCanvas = byId("source-canvas");
   stroke = /** @type {UV[] | null} */ (null); // pixels (row, col) of the stroke that is being drawn
   drawn = /** @type {Drawn | null} */ (null);
   aim = /** @type {{ view: number; rc: RC } | null} */ (null); // where a stroke is suggested
@@ -83,6 +82,7 @@ export class SourcePanel extends PagePart {
   constructor(/** @type {Page} */ page) {
     super(page);
     this.listen();
+    byId("source-back").addEventListener("click", () => this.present !== null && this.pin(this.present));
     new ResizeObserver(() => this.draw()).observe(this.scene);
   }
 
@@ -209,23 +209,26 @@ export class SourcePanel extends PagePart {
     this.draw();
   }
 
-  /** @param {Context} context @param {UV[]} stroke @param {Drawn} drawn */
-  drawStroke(context, stroke, { box, scale }) {
+  /** @param {Pen} pen @param {UV[]} stroke @param {number} scale */
+  drawStroke(pen, stroke, scale) {
     const brush = this.page.brush;
-    /** @param {UV} parts */
-    const at = ([row, col]) => ({ x: (col + 0.5 - box.left) * scale, y: (row + 0.5 - box.top) * scale });
+    const { context } = pen;
     context.save();
     context.globalAlpha = 0.6;
     context.lineCap = context.lineJoin = "round";
     // How wide the brush is on the cloth depends on its distance; here it is drawn as at the middle of the item.
     const width = Math.max(3, 2 * brush.radius_m * (this.page.state.sides?.pixels_per_m ?? 500) * scale);
-    strokeLine(context, [stroke[0], ...stroke].map(at), brush.color(this.imageCanvas), width);
+    pen.line([stroke[0], ...stroke].map(pen.at), brush.color, width);
     context.restore();
+  }
+
+  get pressed() {
+    return { source_mask: this.masked.on, source_states: this.states.on };
   }
 
   toggle(/** @type {KeptSwitch} */ what) {
     what.on = !what.on;
-    this.show();
+    this.page.changed();
   }
 
   /** Look at another view: its image here, the item in 3D from where it was taken. */
@@ -256,29 +259,10 @@ export class SourcePanel extends PagePart {
     const folded = this.folded.on;
     this.lookForPick();
     this.panel.classList.toggle("folded", folded);
-    rebuild(this.panel, ["frame", folded], () => {
-      if (folded) return this.page.smallButton("source_image");
-      const back = () => this.present !== null && this.pin(this.present);
-      return [
-        make(
-          "div.heading",
-          make("h2#source-title"),
-          smallButton("", back, { id: "source-back", key: "source-back", tip: "Show the view that the page is at" }),
-          this.page.smallButton("source_mask"),
-          this.page.smallButton("source_states"),
-          this.page.smallButton("source_image", "Fold"),
-        ),
-        make("div.source-body", this.imageCanvas, make("div#source-seen.source-seen")),
-        make("div#source-states.source-states"),
-      ];
-    });
+    setTitle("source_image", folded ? "Source image" : "Fold");
     if (folded || this.view === null) return;
     setText(byId("source-title"), `View ${this.view} · ${number(this.page.state.views[this.view].angle_deg, 0)}°`);
-    const back = byId("source-back");
-    back.hidden = this.view === this.present;
-    setText(back, `Back to view ${this.present}`);
-    setPressed(buttonOf("source_mask", this.panel), this.masked.on);
-    setPressed(buttonOf("source_states", this.panel), this.states.on);
+    showWords(byId("source-back"), this.view === this.present ? "" : `Back to view ${this.present}`);
     this.showShares(this.statesOf(this.view, "json"));
     this.showSeen();
     this.draw();
@@ -286,24 +270,20 @@ export class SourcePanel extends PagePart {
 
   /** How much of the view is in which state, below its image. */
   showShares(/** @type {string | null} */ address) {
-    const box = byId("source-states");
-    box.hidden = !address;
     this.shares.want(address);
-    rebuild(box, [address, this.shares.value], () => (this.shares.value ?? []).map(shareRow));
+    section("source-states", address && [address, this.shares.value], () => this.shares.value?.map(shareRow));
   }
 
   showSeen() {
     const { pick } = this;
     const seen = this.seenIn.value;
-    byId("source-seen").hidden = !pick;
-    if (!pick) return;
-    rebuild(byId("source-seen"), [pick.id, pick.name, seen, this.view], () => {
-      if (!seen) return [make("p.nothing", `Looking for ${pick.name} in every view.`)];
+    section("source-seen", pick && [pick.id, pick.name, seen, this.view], () => {
+      if (!seen) return make("p.nothing", `Looking for ${pick?.name} in every view.`);
       const others = Object.entries(seen.hidden)
         .filter(([, n]) => n)
         .map(([why, n]) => `${n} ${HIDDEN[why]}`)
         .join(", ");
-      const title = `${pick.name}: seen in ${seen.seen.length} of ${count(seen.n_views, "view")}`;
+      const title = `${pick?.name}: seen in ${seen.seen.length} of ${count(seen.n_views, "view")}`;
       return [
         make("p", { tip: others ? `The others: ${others}.` : "" }, title),
         make("div.thumbs", { role: "group", label: title }, ...seen.seen.map((one) => this.thumb(one))),
@@ -367,27 +347,27 @@ export class SourcePanel extends PagePart {
     const box = zoomedBox(whole, this.zoom);
     const scale = fit * this.zoom.factor;
     const context = sized(this.imageCanvas, width, height);
+    const pen = new Pen(context, ([row, col]) => ({
+      x: (col + 0.5 - box.left) * scale,
+      y: (row + 0.5 - box.top) * scale,
+    }));
     Object.assign(this.imageCanvas.style, { width: `${width}px`, height: `${height}px` });
     byId("source-seen").style.maxHeight = `${height}px`;
     context.imageSmoothingQuality = "high";
     for (const image of masked || lost ? [color, labels ?? mask] : [color]) {
       context.drawImage(image, box.left, box.top, box.width, box.height, 0, 0, width, height);
     }
-    const style = getComputedStyle(this.imageCanvas);
     const [pick, pointer] = [this.pickedPixel(), this.at?.view_index === view ? this.at.rc : null];
     const aim = this.aim?.view === view ? this.aim.rc : null;
     for (const [name, rc] of Object.entries({ "--pick": pick, "--accent": pointer, "--warn": aim })) {
       if (!rc || rc[0] === null || rc[1] === null) continue;
-      const [x, y] = [(rc[1] + 0.5 - box.left) * scale, (rc[0] + 0.5 - box.top) * scale];
-      strokeRimmed(context, style.getPropertyValue(name), 1.75, () => traceCross(context, x, y, 3, 10));
+      const middle = pen.at([rc[0], rc[1]]);
+      pen.rimmed(name, 1.75, (to) => traceCross(to, middle, 3, 10));
     }
-    context.fillStyle = style.getPropertyValue("--accent");
-    for (const marks of this.page.sourceMarks)
-      for (const [row, col] of marks(view))
-        context.fillRect((col + 0.5 - box.left) * scale - 2, (row + 0.5 - box.top) * scale - 2, 4, 4);
+    for (const marks of this.page.sourceMarks) pen.squares(marks(view).map(pen.at), "--accent", 4);
     const states = Boolean(lost && labels);
     this.drawn = { labels: Boolean(labels), states, view, masked, box, scale, pick, pointer };
-    if (this.stroke) this.drawStroke(context, this.stroke, this.drawn);
+    if (this.stroke) this.drawStroke(pen, this.stroke, scale);
   }
 
   /** Where the current pick lies in the image shown; null if that view did not see it. */

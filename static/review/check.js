@@ -32,10 +32,6 @@ export class CheckPanel extends PagePart {
     void this.ask();
   }
 
-  get status() {
-    return { findings: this.panel.hidden ? 0 : this.panel.querySelectorAll("article").length };
-  }
-
   async ask() {
     /** @type {{ as_recorded: boolean; findings: Finding[] } | null} */
     const checked = await askJson("check.json");

@@ -1,7 +1,7 @@
 // All views as a list: sorted by a column, filtered by what was decided, with the reasons.
 
 import { PagePart } from "../page/page.js";
-import { byId, closeButton, find, findAll, focusOn, make, rebuild, smallButton, taken, within } from "../page/dom.js";
+import { byId, find, findAll, focusOn, make, rebuild, smallButton, taken, within } from "../page/dom.js";
 import { number } from "../page/format.js";
 import { added, doubtsOf, flagsOf, isFlattened, scoreBar, STATES, thumbOf } from "./timeline.js";
 
@@ -39,6 +39,7 @@ export class ReviewList extends PagePart {
   constructor(/** @type {Page} */ page) {
     super(page);
     this.section.addEventListener("keydown", (event) => this.key(event));
+    byId("review-close").addEventListener("click", () => this.toggle());
   }
 
   get pressed() {
@@ -55,46 +56,24 @@ export class ReviewList extends PagePart {
   update(/** @type {State} */ state) {
     if (!state.review) this.section.hidden = true; // a camera decides nothing
     if (this.section.hidden) return;
-    const key = [state.views, state.review?.token, this.filter, this.sort, this.falling];
-    rebuild(this.section, key, () => this.build(state));
-  }
-
-  build(/** @type {State} */ state) {
-    const [, , keeps] = FILTERS.find(([name]) => name === this.filter) ?? FILTERS[0];
+    const { filter, sort, falling } = this;
+    const [, , keeps] = FILTERS.find(([name]) => name === filter) ?? FILTERS[0];
     const shown = this.sorted(state.views.filter(keeps));
-    const filters = FILTERS.map(([name, title, keeps]) =>
-      smallButton(`${title} ${state.views.filter(keeps).length}`, () => this.set({ filter: name }), {
-        pressed: this.filter === name,
-        key: `filter-${name}`,
-      }),
+    rebuild(byId("review-filters"), [state.views, filter], () =>
+      FILTERS.map(([name, title, holds]) =>
+        smallButton(`${title} ${state.views.filter(holds).length}`, () => this.set({ filter: name }), {
+          pressed: filter === name,
+          key: `filter-${name}`,
+        }),
+      ),
     );
-    return [
-      make(
-        "div.review-head",
-        make("h2#review-title", "Views"),
-        make("div.segmented", { role: "group", label: "Filter" }, ...filters),
-        closeButton("Close the list", () => this.toggle(), { key: "close-review" }),
-      ),
-      make(
-        "div.review-table",
-        { tabindex: "0", role: "region", "aria-labelledby": "review-title" },
-        make(
-          "table",
-          make(
-            "thead",
-            make(
-              "tr",
-              make("th", "Images"),
-              ...COLUMNS.map((c) => this.head(c[0], c[1])),
-              make("th", "Reason"),
-              make("th", make("span.unseen", "Decide again")),
-            ),
-          ),
-          make("tbody", ...shown.map((view) => this.row(view, state))),
-        ),
-        !shown.length && make("p.nothing", "No view matches this filter."),
-      ),
-    ];
+    rebuild(byId("review-columns"), [sort, falling], () => {
+      const titles = COLUMNS.map(([name, title]) => this.head(name, title));
+      const again = make("th", make("span.unseen", "Decide again"));
+      return make("tr", make("th", "Images"), ...titles, make("th", "Reason"), again);
+    });
+    rebuild(byId("review-rows"), [shown, state.review?.token], () => shown.map((view) => this.row(view, state)));
+    byId("review-none").hidden = shown.length > 0;
   }
 
   head(/** @type {string} */ name, /** @type {string} */ title) {

@@ -3,7 +3,6 @@
 import { PagePart } from "../page/page.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
-import { exportButton, showExports } from "../page/exports.js";
 import { cm2, floatingOf, mm, percent } from "../page/format.js";
 
 const MOST = 4; // of each list
@@ -127,7 +126,9 @@ export class ResultPanel extends PagePart {
       make(
         "div.chips",
         ...these.slice(0, MOST).map(({ view_index: view, area_m2 }) => {
-          return this.page.turnTo(view, `left-${view}`, `View ${view}: ${cm2(CM2 * area_m2)}`);
+          const click = () => this.page.send({ type: "turn_to", view_index: view });
+          const about = { key: `left-${view}`, tip: "Turn the item to this view.", click };
+          return make("button", about, `View ${view}: ${cm2(CM2 * area_m2)}`);
         }),
       ),
     ];
@@ -152,17 +153,12 @@ export class ResultPanel extends PagePart {
   }
 
   exports(/** @type {State} */ state) {
-    const { notify } = this.page;
     const kind = state.phase === "finished" ? "primary" : "";
     return make(
       "div.group",
-      exportButton("data.zip", "Export data", notify, state.recording.name, kind),
-      button("All exports …", () => showExports(notify, state), { key: "all-exports" }),
+      make("button.button", { data: { file: "data.zip" }, class: kind, key: "data.zip" }, "Export data"),
+      button("All exports …", () => this.page.run("export"), { key: "all-exports" }),
     );
-  }
-
-  get status() {
-    return { open: !this.section.hidden, found: this.found };
   }
 }
 

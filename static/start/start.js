@@ -1,7 +1,7 @@
 // The start screen: examples, the last sessions, folders below the root, a camera. What is chosen opens for all tabs.
 
 import { ask, post } from "../page/connection.js";
-import { button, byId, find, make, rebuild, showWords } from "../page/dom.js";
+import { byId, find, make, rebuild, showWords } from "../page/dom.js";
 import { cm2, count, number } from "../page/format.js";
 import { applyTheme } from "../page/theme.js";
 
@@ -70,7 +70,10 @@ async function open(kind, name, title) {
   main.removeAttribute("aria-busy");
   if (!opened.error) return location.assign("./");
   show("trouble", opened.error);
-  if (kind === "camera") showCamera(true);
+  if (kind !== "camera") return;
+  byId("camera-about").hidden = true;
+  byId("camera-help").hidden = false;
+  byId("open-camera").textContent = "Try again";
 }
 
 const show = (/** @type {string} */ id, /** @type {string} */ text) => showWords(byId(id), text);
@@ -117,76 +120,40 @@ const dated = (text) => new Date(text).toLocaleString([], { dateStyle: "medium",
 function showPlaces(/** @type {Places} */ { examples, sessions, cell, root, current }) {
   show("back", current === null ? "" : `Back to ${current}`);
   byId("examples").replaceChildren(...examples.map(({ name }) => card("example", name, name, aboutExample(name))));
-  byId("examples").append(
-    make(
-      "button.card",
-      {
-        id: "open-cell",
-        data: { kind: "cell" },
-        disabled: cell !== "",
-        click: () => open("cell", "", "the simulated robot cell"),
-      },
-      make("img", { src: "static/start/cell.svg", alt: "", width: 72, height: 92 }),
-      make("strong", "robot cell"),
-      make("span", "simulated: a T-shirt on a turntable, turned to where it helps"),
-      cell && make("b", cell),
-    ),
-  );
+  byId("open-cell").disabled = cell !== "";
+  show("no-cell", cell);
   byId("recent").replaceChildren(
     ...(sessions.length
       ? sessions.map((s) => card("session", s.name, s.recording, ...aboutSession(s.summary, s.views), dated(s.used)))
       : [make("p.soft", "None yet. Each recording that is opened has a session, and is kept here.")]),
   );
-  if (root === null) {
-    byId("folder").replaceChildren(
-      make(
-        "p.soft",
-        "To open your own recordings here, start the program with their folder: ",
-        make("code", "flatcloth view --root DIR"),
-      ),
-    );
-  } else showFolder("", root);
+  if (root === null) return;
+  byId("path-root").textContent = `${root} /`;
+  byId("path-box").setAttribute("aria-label", `Path below ${root}`);
+  byId("path").onsubmit = (event) => {
+    event.preventDefault();
+    open("folder", byId("path-box").value, byId("path-box").value || root);
+  };
+  byId("path").hidden = false;
+  showFolder("");
 }
 
-async function showFolder(/** @type {string} */ path, /** @type {string} */ root) {
+async function showFolder(/** @type {string} */ path) {
   /** @type {{ path: string; entries: Entry[]; error?: string }} */
   const folder = await answerTo(ask(`start/folder.json?path=${encodeURIComponent(path)}`));
   if (folder.error) return show("trouble", folder.error);
   show("trouble", "");
   const here = folder.path;
   const inside = (/** @type {string} */ name) => (here ? `${here}/${name}` : name);
-  const input = make("input", {
-    type: "text",
-    value: here,
-    label: `Path below ${root}`,
-    placeholder: "path of a recording or a session",
-    spellcheck: "false",
-    autocomplete: "off",
-  });
-  const form = make(
-    "form.path",
-    {
-      submit: (event) => {
-        event.preventDefault();
-        open("folder", input.value, input.value || root);
-      },
-    },
-    make("span.soft", `${root} /`),
-    input,
-    make("button.button", { type: "submit" }, "Open"),
-    here && button("Up", () => showFolder(here.split("/").slice(0, -1).join("/"), root)),
-  );
+  byId("path-box").value = here;
+  byId("path-up").hidden = !here;
+  byId("path-up").onclick = () => showFolder(here.split("/").slice(0, -1).join("/"));
   const folders = folder.entries.filter(({ kind }) => kind === "folder");
   const openable = folder.entries.filter(({ kind }) => kind !== "folder");
   const entries = folders.map(({ name, kind }) =>
     make(
       "li",
-      make(
-        "button.entry",
-        { click: () => showFolder(inside(name), root) },
-        make("b", name),
-        make("span", WORDS[kind]),
-      ),
+      make("button.entry", { click: () => showFolder(inside(name)) }, make("b", name), make("span", WORDS[kind])),
     ),
   );
   const cards = openable.map(({ name, kind, used, summary }) => {
@@ -194,32 +161,16 @@ async function showFolder(/** @type {string} */ path, /** @type {string} */ root
     return card("folder", inside(name), name, ...about, ...(used ? [dated(used)] : []));
   });
   rebuild(byId("folder"), [folder], () => [
-    form,
     entries.length > 0 && make("ul.entries", ...entries),
     cards.length > 0 && make("div.cards", ...cards),
     !folder.entries.length && make("p.soft", "There is nothing to open in this folder."),
   ]);
 }
 
-const CAMERA =
-  "Capture a new recording: the page shows the camera, asks for each rotation, and keeps sharp, still views.";
-const STEPS = [
-  "Plug a RealSense D400 camera into a USB 3 port (blue), with the cable it came with.",
-  "Close other programs that use it, such as the RealSense Viewer.",
-  "On Linux, let your account use it: install librealsense's udev rules, then plug it in again.",
-];
-
-function showCamera(/** @type {boolean} */ failed) {
-  const steps = make("ol.steps", ...STEPS.map((text) => make("li", text)));
-  byId("camera").replaceChildren(
-    ...(failed ? [make("p", "No camera is ready. What to do:"), steps] : [make("p.soft", CAMERA)]),
-    button(failed ? "Try again" : "Show the camera", () => open("camera", "", "the camera"), { id: "open-camera" }),
-  );
-}
-
 byId("unloaded").remove();
+byId("open-cell").addEventListener("click", () => open("cell", "", "the simulated robot cell"));
+byId("open-camera").addEventListener("click", () => open("camera", "", "the camera"));
 applyTheme();
-showCamera(false);
 /** @type {Places & { error?: string }} */
 const places = await answerTo(ask("start/places.json"));
 if (places.error) show("trouble", places.error);

@@ -1,25 +1,24 @@
 // The stages of adding the next view: the rotation, lines of equal Z-angle, the search and the renewed view.
 
-import { boxOf, movedBox, union } from "../canvas/geometry.js";
+import { boxOf, endsOf, movedBox, union } from "../canvas/geometry.js";
 import { outlineOf } from "../canvas/picture.js";
 import { within } from "../page/dom.js";
 import { cm2, degrees, mm, number, rgbOf } from "../page/format.js";
-import { columns, imageBox, rows, shareOf } from "./draw.js";
+import { columns, imageBox, Pane, Plot, rows, shareOf } from "./draw.js";
 import { viewName } from "./flattening.js";
 import { between, lastOf } from "./lesson.js";
-import { Plot } from "./plot.js";
 
 const UNKNOWN_ANGLE = -128;
 const degreesOf = (/** @type {number} */ radians) => (180 * radians) / Math.PI;
 
 /** @type {TextLook} */
-const NAME = { align: "center", baseline: "middle", weight: 700, plate: true };
+const NAME = { weight: 700, plate: true };
 
 // --- the rotation ----------------------------------------------------------------------------------
 
 /** Beyond the limit it is grey. @param {Sheet} sheet @param {PlanningLesson} lesson @param {number} deg */
 function angleColor(sheet, { z_angle_colors: colors, z_angle_span_deg: span, parameters }, deg) {
-  if (Math.abs(deg) >= parameters.z_angle_limit_deg) return [...rgbOf(sheet.color.soft), 110];
+  if (Math.abs(deg) >= parameters.z_angle_limit_deg) return [...rgbOf(sheet.palette.soft), 110];
   const at = Math.round(((deg / span + 1) / 2) * (colors.length - 1));
   return [...colors[within(at, 0, colors.length - 1)], 255];
 }
@@ -29,32 +28,29 @@ function angleColor(sheet, { z_angle_colors: colors, z_angle_span_deg: span, par
  * @param {Sheet} sheet @param {Rect} rect @param {PlanningLesson} lesson @param {Arrow[]} arrows
  */
 function drawFromAbove(sheet, rect, lesson, arrows) {
-  const { em, color } = sheet;
+  const { palette: color } = sheet;
   const limit = lesson.parameters.z_angle_limit_deg;
-  const radius = Math.min(rect.w / 2 - 1.4 * em, (rect.h - 3.4 * em) / 1.5);
-  const [x, y] = [rect.x + rect.w / 2, rect.y + rect.h / 2 - 0.3 * radius];
-  const across = (/** @type {number} */ deg) => (Math.PI * (90 - deg)) / 180; // as a canvas turns
-  /** @type {(deg: number, share: number) => UV} */
-  const at = (deg, share) => [x + share * radius * Math.cos(across(deg)), y + share * radius * Math.sin(across(deg))];
+  const pane = new Pane(sheet, "above", { left: -1.2, right: 1.2, top: -0.4, bottom: 1.3 }, rect, {});
+  const at = (/** @type {number} */ deg, /** @type {number} */ share) =>
+    [Math.sin, Math.cos].map((of) => share * of((Math.PI * deg) / 180));
   for (let deg = -90; deg < 90; deg += 3) {
     const [r, g, b, alpha] = angleColor(sheet, lesson, deg + 1.5);
-    const ring = (/** @type {Context} */ to) => {
-      to.arc(x, y, radius, across(deg + 3), across(deg));
-      to.arc(x, y, 0.86 * radius, across(deg), across(deg + 3), true);
-    };
-    sheet.fill(`rgb(${r} ${g} ${b})`, ring, alpha / 255);
+    const part = [at(deg, 1), at(deg + 3, 1), at(deg + 3, 0.86), at(deg, 0.86)];
+    pane.area(part, `rgb(${r} ${g} ${b})`, alpha / 255);
   }
   for (const deg of [-limit, limit]) {
-    sheet.line([x, y], at(deg, 1), color.limit, 1.5, [5, 4]);
-    sheet.text(degrees(deg, 0), ...at(deg, 1.1), { ...NAME, color: color.limit });
+    pane.line([[0, 0], at(deg, 1)], color.limit, 1.5, [5, 4]);
+    pane.text(degrees(deg, 0), at(deg, 1.1), { ...NAME, color: color.limit });
   }
+  const { x, y } = pane.at(0, 0);
+  const [radius] = pane.scaling;
   sheet.fill(color.line, (to) => to.ellipse(x, y, 0.3 * radius, 0.2 * radius, 0.2, 0, 2 * Math.PI));
-  sheet.text("item", x, y, { align: "center", baseline: "middle" });
-  sheet.text("▲ camera", x, y + 1.12 * radius, { align: "center", baseline: "middle", color: color.soft });
+  pane.text("item", [0, 0], {});
+  pane.text("▲ camera", [0, 1.14], { color: color.soft });
   for (const arrow of arrows) {
-    sheet.line(at(arrow.deg, 0.3), at(arrow.deg, 0.84), arrow.color, 2.5, arrow.dash);
-    sheet.ring(at(arrow.deg, 0.84), 3, arrow.color, 3);
-    sheet.text(arrow.label, ...at(arrow.deg, 0.6), { ...NAME, color: arrow.color });
+    pane.line([at(arrow.deg, 0.3), at(arrow.deg, 0.84)], arrow.color, 2.5, arrow.dash);
+    pane.ring(at(arrow.deg, 0.84), 3, arrow.color, 3);
+    pane.text(arrow.label, at(arrow.deg, 0.6), { ...NAME, color: arrow.color });
   }
 }
 
@@ -64,7 +60,7 @@ const rotation = {
   start: ({ flat }) => [flat.origin_uv_m[0] + (flat.cols * flat.pixel_size_m) / 3, 0],
   draw(sheet, rect, lesson, { at: [pointed] }) {
     const { plan, array } = lesson;
-    const { color, em } = sheet;
+    const { palette: color, em } = sheet;
     const taken = plan.sides.find((s) => s.side === plan.side) ?? plan.sides[0];
     const { a_0_deg: before, rotation_deg: turn, u_b_m: bound } = taken;
     const { u_m: u, column_count: h, column_mean_z_angle_deg: a } = taken.curves;
@@ -88,28 +84,27 @@ const rotation = {
     const key = "columns";
     const counts = new Plot(sheet, top, x, [0, most], { key, yLabel: "h(u), pixels that count", color: color.count });
     const means = new Plot(sheet, middle, x, [-90, 90], { key, yLabel: "A_z(u) (°)", color: color.mean });
-    counts.area(u, h, color.count, 0, u.length - 1, 0.18);
+    counts.under(u, h, color.count, 0, u.length - 1, 0.18);
     counts.curve(u, h, color.count);
     means.curve(u, a, color.mean, 2.5);
-    const strip = { ...bottom, x: counts.inner.x, w: counts.inner.w, h: bottom.h - 1.6 * em };
+    const strip = { ...bottom, x: counts.rect.x, w: counts.rect.w, h: bottom.h - 1.6 * em };
     const foot = strip.y + strip.h;
-    sheet.show(key, box, strip, { margin: 0, stretch: true }, (map) => {
+    sheet.show(key, box, strip, { margin: 0, stretch: true }, (pane) => {
       const angles = array.z_angle_deg;
       const colorAt = (/** @type {number} */ i) => angleColor(sheet, lesson, angles[i]);
-      sheet.painted(map, lesson.flat, box, (i) => (angles[i] === UNKNOWN_ANGLE ? null : colorAt(i)));
-      for (const { side } of plan.sides) sheet.dots(map, array[`edge_${side}`], 1.6, color.band);
+      pane.painted(lesson.flat, box, (i) => (angles[i] === UNKNOWN_ANGLE ? null : colorAt(i)));
+      for (const { side } of plan.sides) pane.dots(array[`edge_${side}`], 1.6, color.band);
     });
     sheet.text("u: the flattened view, drawn wide", strip.x, foot + 1.2 * em, { color: color.soft });
 
     counts.vertical(pointed, color.text, 1.5, foot);
     if (bound !== null) {
       const ends = [columnOf(bound), sign > 0 ? u.length - 1 : 0].sort((p, q) => p - q);
-      counts.area(u, h, color.accent, ...ends, 0.35);
+      counts.under(u, h, color.accent, ends[0], ends[1], 0.35);
       counts.vertical(bound, color.accent, 1.5, foot);
-      const [half, ground] = counts.at((u[ends[0]] + u[ends[1]]) / 2, 0);
-      sheet.text("S_0", half, ground - 0.9 * em, { ...NAME, color: color.accent });
-      sheet.text("u_b", counts.at(bound, 0)[0], counts.inner.y + 0.9 * em, { ...NAME, color: color.accent });
-      if (before !== null) sheet.ring(means.at(bound, before), 6, color.mark, 3);
+      counts.text("S_0", [(u[ends[0]] + u[ends[1]]) / 2, 0], { ...NAME, color: color.accent }, -0.9);
+      counts.text("u_b", [bound, most], { ...NAME, color: color.accent }, 0.9);
+      if (before !== null) means.ring([bound, before], 6, color.mark, 3);
     }
     const free = before === null ? null : lesson.parameters.z_angle_limit_deg + sign * before;
     return [
@@ -127,7 +122,7 @@ const rotation = {
 /** A view with its line, below its curve. @param {Sheet} sheet @param {Rect} rect @param {AlignmentLesson} lesson */
 function drawLine(sheet, rect, lesson, /** @type {"current" | "new"} */ name) {
   const { lines: found, picture } = lesson;
-  const { color } = sheet;
+  const { palette: color } = sheet;
   const [top, bottom] = rows(rect, [1, 1.8], 10);
   const box = boxOf(lesson[name]);
   const turn = (name === "new" && found?.rotation_deg) || 0;
@@ -135,16 +130,15 @@ function drawLine(sheet, rect, lesson, /** @type {"current" | "new"} */ name) {
   const title = name === "new" ? "New view" : `From ${viewName(lesson, lesson.start_view)}`;
   const yLabel = turn ? "A_z, A_z − A over u (°)" : "A_z over u (°)";
   const plot = new Plot(sheet, sheet.titled(top, title), x, [-120, 120], { yLabel });
-  sheet.show(name, box, bottom, { margin: 8, bar: true }, (map) => {
-    sheet.picture(map, picture[`${name}_color`], box, 0.55);
+  sheet.show(name, box, bottom, { margin: 8, bar: true }, (pane) => {
+    pane.picture(picture[`${name}_color`], box, 0.55);
     if (!found) return;
-    const { pixels_uv_m: pixels, center_uv_m: c, direction: d, point_uv_m: point } = found[name];
-    const along = pixels.map((p) => (p[0] - c[0]) * d[0] + (p[1] - c[1]) * d[1]);
-    const ends = [Math.min(...along), Math.max(...along)].map((t) => map.at(c[0] + t * d[0], c[1] + t * d[1]));
-    sheet.dots(map, pixels.flat(), Math.max(1.2, 0.001 * map.scale[0]), color.band);
-    sheet.path(ends, color.panel, 5);
-    sheet.path(ends, color.text, 2.5);
-    sheet.ring(map.at(...point), 7, color.mark, 3);
+    const line = found[name];
+    const ends = endsOf(line);
+    pane.dots(line.pixels_uv_m.flat(), Math.max(1.2, 0.001 * pane.scaling[0]), color.band);
+    pane.line(ends, color.panel, 5);
+    pane.line(ends, color.text, 2.5);
+    pane.ring(line.point_uv_m, 7, color.mark, 3);
   });
   if (!found) return;
   const { u_m: u, column_mean_z_angle_deg: a } = found[`${name}_curves`];
@@ -182,11 +176,11 @@ function drawOverlay(sheet, rect, lesson, /** @type {Motion} */ motion) {
   const [currentBox, newBox] = [boxOf(lesson.current), boxOf(lesson.new)];
   const box = lesson.motions.map((m) => movedBox(newBox, m)).reduce(union, currentBox);
   const { current_color, new_color } = lesson.picture;
-  sheet.show("overlay", box, rect, { margin: 10, bar: true }, (map) => {
-    sheet.picture(map, current_color, currentBox, 0.75);
-    sheet.picture(map, new_color, newBox, 0.6, motion);
-    sheet.picture(map, outlineOf(current_color, sheet.color.kept), currentBox);
-    sheet.picture(map, outlineOf(new_color, sheet.color.new), newBox, 1, motion);
+  sheet.show("overlay", box, rect, { margin: 10, bar: true }, (pane) => {
+    pane.picture(current_color, currentBox, 0.75);
+    pane.picture(new_color, newBox, 0.6, motion);
+    pane.picture(outlineOf(current_color, sheet.palette.kept), currentBox);
+    pane.picture(outlineOf(new_color, sheet.palette.new), newBox, 1, motion);
   });
 }
 
@@ -200,29 +194,29 @@ function drawCosts(sheet, rect, { search: { turns_rad: turns, shifts_m, cost, st
   const slice = cost[off.indexOf(Math.min(...off))];
   const least = cost.map((costs) => Math.min(...costs.flat()));
   const [low, high] = [Math.min(...least), Math.max(...cost.flat(2))];
-  const [good, bad] = [rgbOf(sheet.color.accent), rgbOf(sheet.color.raised)];
+  const [good, bad] = [rgbOf(sheet.palette.accent), rgbOf(sheet.palette.raised)];
   const n = shifts.length;
   const [top, bottom] = rows(rect, [1.2, 1]);
   const step = (shifts[1] - shifts[0]) / 2;
   const [first, last] = [shifts[0] - step, lastOf(shifts) + step];
   const labels = { xLabel: "u (mm)", yLabel: "v (mm)" };
   const plot = new Plot(sheet, top, [first, last], [last, first], labels);
-  sheet.clipped(plot.inner, () => {
+  const placeOf = (/** @type {XYZ} */ [, u, v]) => [1000 * u, 1000 * v];
+  sheet.clipped(plot.rect, () => {
     const box = { left: first, right: last, top: first, bottom: last };
-    sheet.painted(plot.map, { rows: n, cols: n }, box, (i) => {
+    plot.painted({ rows: n, cols: n }, box, (i) => {
       const share = (slice[i % n][Math.floor(i / n)] - low) / (high - low || 1);
       return [...good.map((g, k) => Math.round(g + share * (bad[k] - g))), 255];
     });
-    for (const [, u, v] of starts) sheet.ring(plot.at(1000 * u, 1000 * v), 3, sheet.color.text, 1.5);
-    const places = path.map(([, u, v]) => plot.at(1000 * u, 1000 * v));
-    sheet.path(places, sheet.color.mark, 2);
-    sheet.ring(between(places, time), 6, sheet.color.mark, 3);
+    for (const each of starts) plot.ring(placeOf(each), 3, sheet.palette.text, 1.5);
+    plot.line(path.map(placeOf), sheet.palette.mark, 2);
+    plot.ring(between(path.map(placeOf), time), 6, sheet.palette.mark, 3);
   });
   const about = { xLabel: "turn (°)", yLabel: "lowest cost" };
   const inDegrees = turns.map(degreesOf);
   const turned = new Plot(sheet, bottom, [inDegrees[0], lastOf(inDegrees)], [low, Math.max(...least)], about);
-  turned.curve(inDegrees, least, sheet.color.accent);
-  turned.vertical(degreesOf(lastOf(path)[0]), sheet.color.mark);
+  turned.curve(inDegrees, least, sheet.palette.accent);
+  turned.vertical(degreesOf(lastOf(path)[0]), sheet.palette.mark);
 }
 
 /** @type {StageCode<AlignmentLesson>} */
@@ -238,13 +232,13 @@ const search = {
     const [turn, u, v] = lastOf(found.path);
     const by = degrees(degreesOf(turn));
     drawCosts(sheet, sheet.titled(middle, "Cost of a shift", `turned by ${by}`), lesson, time);
-    const [kept, fresh] = [rgbOf(sheet.color.kept), rgbOf(sheet.color.new)];
+    const [kept, fresh] = [rgbOf(sheet.palette.kept), rgbOf(sheet.palette.new)];
     const colors = [null, [...kept, 200], [...fresh, 200], [...kept, 90], [...fresh, 90]]; // by KEPT, NEW, ... of Python
     const box = boxOf(renewed);
     const inner = sheet.titled(right, "Renewed view", "who shows each pixel");
-    sheet.show("renewed", box, inner, { margin: 10, bar: true }, (map) => {
-      sheet.picture(map, lesson.picture.renewed_color, box);
-      sheet.painted(map, renewed, box, (i) => colors[array.origin[i]]);
+    sheet.show("renewed", box, inner, { margin: 10, bar: true }, (pane) => {
+      pane.picture(lesson.picture.renewed_color, box);
+      pane.painted(renewed, box, (i) => colors[array.origin[i]]);
     });
     return [
       ["Places tried", number(found.tried, 0)],

@@ -4,9 +4,8 @@ import { boxOf, boxOfPoints, union } from "../canvas/geometry.js";
 import { words } from "../garment/marks.js";
 import { loopsAt, motionOf } from "../doubts/panel.js";
 import { cm2, count, degrees, number, percent, rgbOf } from "../page/format.js";
-import { columns, imageBox, rows, shareOf } from "./draw.js";
+import { columns, imageBox, Plot, rows, shareOf } from "./draw.js";
 import { between, lastOf, partsOf } from "./lesson.js";
-import { Plot } from "./plot.js";
 
 const NO_ITEM = 2; // of the labels, as 1 and -1 the sides
 const STRIPE_PX = 6; // undecided cloth is striped, so that it differs without colour, too
@@ -18,13 +17,15 @@ const MOST_APART_M = 0.1;
 function drawBars(sheet, rect, all) {
   const shown = all.slice(0, Math.max(2, Math.floor(rect.h / (2 * sheet.em))));
   const high = Math.min(rect.h / shown.length, 3.2 * sheet.em);
-  shown.forEach(({ name, probability, color = sheet.color.soft }, k) => {
+  shown.forEach(({ name, probability, color = sheet.palette.soft }, k) => {
     const [y, end] = [rect.y + (k + 0.5) * high, rect.x + rect.w];
     sheet.text(name, rect.x, y, { weight: k ? 400 : 600 });
     sheet.text(percent(probability), end, y, { align: "right" });
-    const at = y + 0.6 * sheet.em;
-    sheet.line([rect.x, at], [end, at], sheet.color.line, 7);
-    sheet.line([rect.x, at], [rect.x + rect.w * probability, at], color, 7);
+    const at = y + 0.4 * sheet.em;
+    const bar = (/** @type {number} */ share, /** @type {string} */ look) =>
+      sheet.fill(look, (to) => to.rect(rect.x, at, share * rect.w, 7));
+    bar(1, sheet.palette.line);
+    bar(probability, color);
   });
 }
 
@@ -32,30 +33,37 @@ function drawBars(sheet, rect, all) {
 const sides = {
   draw(sheet, rect, lesson) {
     const { section_mm: place, section_normal: normal, section_side: side, first_side: labels } = lesson.array;
-    const { color } = sheet;
+    const { palette: color } = sheet;
     const { cols, rows: down } = lesson.first;
     const box = { left: -0.5, top: -0.5, right: cols - 0.5, bottom: down - 0.5 };
     const share = shareOf(box, rect, 0.25, 0.5);
     const [left, right] = columns(rect, [share, 1 - share]);
     const lookOf = (/** @type {number} */ sign) => (sign > 0 ? color.kept : sign < 0 ? color.new : color.even);
     const isStripe = (/** @type {number} */ i) => (Math.floor(i / cols) + (i % cols)) % (2 * STRIPE_PX) < STRIPE_PX;
-    sheet.show("labels", box, sheet.titled(left, "Sides", `view ${lesson.view_index}`), {}, (map) =>
-      sheet.painted(map, lesson.first, box, (i) => {
+    sheet.show("labels", box, sheet.titled(left, "Sides", `view ${lesson.view_index}`), {}, (pane) =>
+      pane.painted(lesson.first, box, (i) => {
         if (labels[i] === NO_ITEM) return null;
         return [...rgbOf(labels[i] || isStripe(i) ? lookOf(labels[i]) : color.panel), 235];
       }),
     );
 
     const inner = sheet.titled(right, "A slice of all views", "seen from above; the camera of view 0 is below");
-    sheet.show("section", boxOfPoints(place), inner, { margin: 24 }, (map) => {
-      const dot = Math.max(1.6, Math.min(4, 1.3 * map.scale[0]));
-      const along = 2.4 * dot * sheet.weight;
-      sheet.segments(map, place, lesson.array.alike, color.pair, 1);
-      sheet.segments(map, place, lesson.array.opposite, color.unused, 1);
+    sheet.show("section", boxOfPoints(place), inner, { margin: 24 }, (pane) => {
+      const dot = Math.max(1.6, Math.min(4, 1.3 * pane.scaling[0]));
+      const along = (2.4 * dot * sheet.weight) / pane.scaling[0];
+      pane.segments(place, lesson.array.alike, color.pair, 1);
+      pane.segments(place, lesson.array.opposite, color.unused, 1);
       side.forEach((sign, k) => {
-        const [x, y] = map.at(place[2 * k], place[2 * k + 1]);
-        sheet.line([x, y], [x + along * normal[2 * k], y + along * normal[2 * k + 1]], lookOf(sign), 1);
-        sheet.dots(map, place.subarray(2 * k, 2 * k + 2), dot, lookOf(sign));
+        const [x, y] = place.subarray(2 * k, 2 * k + 2);
+        pane.line(
+          [
+            [x, y],
+            [x + along * normal[2 * k], y + along * normal[2 * k + 1]],
+          ],
+          lookOf(sign),
+          1,
+        );
+        pane.dots(place.subarray(2 * k, 2 * k + 2), dot, lookOf(sign));
       });
     });
     return [
@@ -72,7 +80,7 @@ const garment = {
   plays: ({ energy }) => energy.length - 1,
   draw(sheet, rect, lesson, { time }) {
     const { energy, kinds, flat, array } = lesson;
-    const { color } = sheet;
+    const { palette: color } = sheet;
     const ends = lastOf(energy);
     const best = ends.indexOf(Math.min(...ends));
     const outlines = between(partsOf(array.states, array.states.length / energy.length), time);
@@ -80,15 +88,15 @@ const garment = {
     const [left, right] = columns(rect, [1.7, 1]);
     const inner = sheet.titled(left, flat ? "The shape of this session" : "An example", "and its starts");
     const box = boxOfPoints([...array.inside_uv, ...array.edge_uv, ...array.states]);
-    sheet.show("garment", box, inner, { margin: 18, bar: true }, (map) => {
-      if (flat) sheet.picture(map, lesson.picture.shape, boxOf(flat), 0.4);
-      else sheet.dots(map, array.inside_uv, 1.4, color.line);
-      sheet.dots(map, array.unseen_uv, 1.8, color.even);
+    sheet.show("garment", box, inner, { margin: 18, bar: true }, (pane) => {
+      if (flat) pane.picture(lesson.picture.shape, boxOf(flat), 0.4);
+      else pane.dots(array.inside_uv, 1.4, color.line);
+      pane.dots(array.unseen_uv, 1.8, color.even);
       partsOf(array.edge_uv, 2).forEach((place, i) =>
-        sheet.dots(map, place, 2.4, array.edge_trust[i] >= TRUSTED ? color.pair : color.sample),
+        pane.dots(place, 2.4, array.edge_trust[i] >= TRUSTED ? color.pair : color.sample),
       );
-      loops.forEach((uv, k) => k !== best && sheet.loop(map, uv, color.soft, 1.2, [5, 4]));
-      sheet.loop(map, loops[best], color.mark, 2.6);
+      loops.forEach((uv, k) => k !== best && pane.loop(uv, color.soft, 1.2, [5, 4]));
+      pane.loop(loops[best], color.mark, 2.6);
     });
     const [top, bottom] = rows(right, [1, 1.2]);
     const courses = ends.map((_, k) => energy.map((row) => Math.log10(row[k])));
@@ -121,7 +129,7 @@ const joint = {
   draw(sheet, rect, lesson, { time }) {
     const [weakest] = lesson.joints;
     if (!weakest) return ending.draw(sheet, rect, lesson, { at: [0, 0], time });
-    const { color } = sheet;
+    const { palette: color } = sheet;
     const { choices } = weakest;
     const motions = choices.map(motionOf);
     const colors = [color.mark, color.new, color.kept]; // of the places, the first as it is
@@ -129,15 +137,15 @@ const joint = {
     const whole = boxOf(lesson.grid);
     const box = union(whole, boxOfPoints(motions.flatMap((motion) => loopsAt(weakest, motion)).flat(2)));
     const inner = sheet.titled(left, "The shape of this session", "one part may lie elsewhere");
-    sheet.show("joint", box, inner, { margin: 18, bar: true }, (map) => {
+    sheet.show("joint", box, inner, { margin: 18, bar: true }, (pane) => {
       /** @type {(motion: Motion, color: string, width: number, dash?: number[]) => void} */
       const outline = (motion, look, width, dash) => {
-        for (const loop of loopsAt(weakest, motion)) sheet.loop(map, loop.flat(), look, width, dash);
+        for (const loop of loopsAt(weakest, motion)) pane.loop(loop.flat(), look, width, dash);
       };
-      sheet.picture(map, lesson.picture.shape, whole, 0.6);
+      pane.picture(lesson.picture.shape, whole, 0.6);
       motions.forEach((motion, n) => outline(motion, colors[n] ?? color.soft, 1.8, [5, 4]));
       outline(between(motions, time), color.text, 2.4);
-      sheet.dots(map, weakest.ends_uv_m.flat(2), 2.4, color.unused);
+      pane.dots(weakest.ends_uv_m.flat(2), 2.4, color.unused);
     });
     const bars = choices.map(({ title, probability }, n) => ({
       name: title,
@@ -158,22 +166,22 @@ const seams = {
   draw(sheet, rect, lesson) {
     const [own, its] = lesson.outlines;
     const joined = lesson.seams.filter((seam) => !seam.is_apart);
-    const { color } = sheet;
+    const { palette: color } = sheet;
     if (!its.length)
       return [...ending.draw(sheet, rect, lesson, { at: [0, 0], time: 0 }), ["Other side", "not known yet"]];
     const mirrored = its.map((loop) => loop.map(([u, v]) => [-u, v]));
     const inner = sheet.titled(rect, "One plane", "the other side through this one");
-    sheet.show("seams", boxOfPoints([...own, ...mirrored].flat(2)), inner, { margin: 18, bar: true }, (map) => {
-      for (const loop of own) sheet.loop(map, loop.flat(), color.kept, 1.6);
-      for (const loop of mirrored) sheet.loop(map, loop.flat(), color.new, 1.6);
+    sheet.show("seams", boxOfPoints([...own, ...mirrored].flat(2)), inner, { margin: 18, bar: true }, (pane) => {
+      for (const loop of own) pane.loop(loop.flat(), color.kept, 1.6);
+      for (const loop of mirrored) pane.loop(loop.flat(), color.new, 1.6);
       for (const { this_uv_m, other_uv_m, is_apart } of lesson.seams) {
         const off = this_uv_m.map(([u, v], n) => [-other_uv_m[n][0] - u, other_uv_m[n][1] - v]);
         const isApart = is_apart || off.some(([du, dv]) => Math.hypot(du, dv) > MOST_APART_M); // it floats
         this_uv_m.forEach(([u, v], n) => {
-          const to = map.at(u + EXAGGERATED * off[n][0], v + EXAGGERATED * off[n][1]);
-          if (!isApart) sheet.line(map.at(u, v), to, color.pair, 1);
+          const to = [u + EXAGGERATED * off[n][0], v + EXAGGERATED * off[n][1]];
+          if (!isApart) pane.line([[u, v], to], color.pair, 1);
         });
-        sheet.dots(map, this_uv_m.flat(), 2, isApart ? color.sample : color.pair);
+        pane.dots(this_uv_m.flat(), 2, isApart ? color.sample : color.pair);
       }
     });
     return [
@@ -193,8 +201,8 @@ const check = {
     sheet.image("laid", laid, imageBox(laid), inner);
     const labels = { xLabel: "turn (°); the line: as recorded", yLabel: "share that agrees" };
     const plot = new Plot(sheet, sheet.titled(right, "After any turn"), [turns[0], lastOf(turns)], [0, 1], labels);
-    plot.curve(turns, share, sheet.color.kept);
-    plot.vertical(lesson.recorded_deg, sheet.color.text);
+    plot.curve(turns, share, sheet.palette.kept);
+    plot.vertical(lesson.recorded_deg, sheet.palette.text);
     return [
       ["Views", `${lesson.first}, ${lesson.second}`],
       ["Recorded turn", degrees(lesson.recorded_deg)],

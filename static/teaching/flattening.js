@@ -3,9 +3,8 @@
 import { boxOf, boxOfPoints, pixelAt, union } from "../canvas/geometry.js";
 import { within } from "../page/dom.js";
 import { cm2, degrees, mm, number, percent, rgbOf } from "../page/format.js";
-import { columns, imageBox, rows, shareOf } from "./draw.js";
+import { columns, imageBox, Plot, rows, shareOf } from "./draw.js";
 import { between, lastOf, partsOf } from "./lesson.js";
-import { Plot } from "./plot.js";
 
 const DETAIL = 4; // how much larger the detail is drawn, at least
 const STRAIN_SPAN = 0.2; // relative errors of length beyond have the last color
@@ -34,18 +33,18 @@ function middlesOf(/** @type {Numbers} */ places, /** @type {number[]} */ groups
 }
 
 /**
- * A part of a pane around a place, larger; its frame is drawn on the whole. Returns its map.
- * @param {Sheet} sheet @param {PaneMap} whole @param {Box} box @param {Rect} rect @param {UV} at
- * @param {(map: PaneMap) => void} draw
+ * A part of a pane around a place, larger; its frame is drawn on the whole. Returns its pane.
+ * @param {Sheet} sheet @param {Pane} whole @param {Box} box @param {Rect} rect @param {UV} at
+ * @param {(pane: Pane) => void} draw
  */
 function showDetail(sheet, whole, box, rect, at, draw) {
-  const scale = Math.max(DETAIL * whole.scale[0], rect.w / (box.right - box.left));
+  const scale = Math.max(DETAIL * whole.scaling[0], rect.w / (box.right - box.left));
   const [across, down] = [rect.w / (2 * scale), rect.h / (2 * scale)];
   const x = within(at[0], box.left + across, box.right - across);
   const y = within(at[1], box.top + down, box.bottom - down);
   const part = { left: x - across, right: x + across, top: y - down, bottom: y + down };
-  const [[x0, y0], [x1, y1]] = [whole.at(part.left, part.top), whole.at(part.right, part.bottom)];
-  sheet.clipped(whole.rect, () => sheet.frame({ x: x0, y: y0, w: x1 - x0, h: y1 - y0 }, sheet.color.text));
+  const [from, to] = [whole.at(part.left, part.top), whole.at(part.right, part.bottom)];
+  sheet.clipped(whole.rect, () => sheet.frame({ ...from, w: to.x - from.x, h: to.y - from.y }, "--text"));
   return sheet.show("detail", part, rect, { margin: 0 }, draw);
 }
 
@@ -78,19 +77,19 @@ const samples = {
     const { image } = lesson.picture;
     const all = [...pairs, ...unused];
     const pointed = nearestOf(middlesOf(xy, all, 2), at);
-    const draw = (/** @type {PaneMap} */ map, size = 1) => {
-      sheet.picture(map, image, box, 0.5);
-      sheet.segments(map, xy, pairs, sheet.color.pair, size);
-      sheet.segments(map, xy, unused, sheet.color.unused, size);
-      sheet.segments(map, xy, all.slice(2 * pointed, 2 * pointed + 2), sheet.color.mark, 3 * size);
-      sheet.dots(map, xy, 1.7 * size, sheet.color.point);
+    const draw = (/** @type {Pane} */ pane, size = 1) => {
+      pane.picture(image, box, 0.5);
+      pane.segments(xy, pairs, sheet.palette.pair, size);
+      pane.segments(xy, unused, sheet.palette.unused, size);
+      pane.segments(xy, all.slice(2 * pointed, 2 * pointed + 2), sheet.palette.mark, 3 * size);
+      pane.dots(xy, 1.7 * size, sheet.palette.point);
     };
     const box = imageBox(image);
     const share = shareOf(box, rect);
     const [left, right] = columns(rect, [share, 1 - share]);
     const whole = sheet.show("image", box, sheet.titled(left, `View ${lesson.view_index}`), {}, draw);
     const inner = sheet.titled(right, "Detail", "move the pointer over the left");
-    showDetail(sheet, whole, box, inner, at, (map) => draw(map, 2.2));
+    showDetail(sheet, whole, box, inner, at, (pane) => draw(pane, 2.2));
     const d = lesson.parameters.sampling_interval_px;
     return [
       ["Samples", String(xy.length / 2)],
@@ -124,22 +123,22 @@ const strainsOf = (/** @type {Course} */ { pairs, length }, /** @type {Numbers} 
 
 function strainColor(/** @type {Sheet} */ sheet, /** @type {number} */ strain) {
   const share = within(strain / STRAIN_SPAN, -1, 1);
-  const end = rgbOf(share < 0 ? sheet.color.short : sheet.color.long);
-  return `rgb(${rgbOf(sheet.color.even).map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c)))})`;
+  const end = rgbOf(share < 0 ? sheet.palette.short : sheet.palette.long);
+  return `rgb(${rgbOf(sheet.palette.even).map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c)))})`;
 }
 
 /** @param {Sheet} sheet @param {Rect} rect @param {Course} course @param {Float32Array} uv @param {Float32Array} strain */
 function drawState(sheet, rect, { states, pairs }, uv, strain) {
   // All states in one frame, so that nothing jumps while they are played.
   const box = union(boxOfPoints(states[0]), boxOfPoints(lastOf(states)));
-  sheet.show("plane", box, rect, { margin: 10, bar: true }, (map) => {
+  sheet.show("plane", box, rect, { margin: 10, bar: true }, (pane) => {
     for (let c = 0; c < CLASSES; c++) {
       const [low, high] = [c, c + 1].map((n) => STRAIN_SPAN * ((2 * n) / CLASSES - 1));
       const color = strainColor(sheet, (low + high) / 2);
       const isIn = (/** @type {number} */ s) => (c === 0 || s >= low) && (c === CLASSES - 1 || s < high);
-      sheet.segments(map, uv, pairs, color, 1.4, (e) => isIn(strain[e]));
+      pane.segments(uv, pairs, color, 1.4, (e) => isIn(strain[e]));
     }
-    sheet.dots(map, uv, 1.4, sheet.color.text);
+    pane.dots(uv, 1.4, sheet.palette.text);
   });
 }
 
@@ -150,9 +149,9 @@ function drawEnergy(sheet, rect, courses, time, now) {
   const [least, most] = [Math.floor(Math.min(...all) - 0.1), Math.ceil(Math.max(...all) + 0.1)];
   const labels = { log: true, xLabel: "iteration, coarse and then fine", yLabel: "H (mm²)" };
   const plot = new Plot(sheet, rect, [0, Math.max(1, all.length - 1)], [least, most], labels);
-  plot.curve([...all.keys()], all, sheet.color.accent);
-  all.forEach((h, n) => sheet.ring(plot.at(n, h), 2, sheet.color.accent, 2));
-  sheet.ring(plot.at(time, log(now)), 6, sheet.color.mark, 3);
+  plot.curve([...all.keys()], all, sheet.palette.accent);
+  all.forEach((h, n) => plot.ring([n, h], 2, sheet.palette.accent, 2));
+  plot.ring([time, log(now)], 6, sheet.palette.mark, 3);
 }
 
 /** @type {StageCode<FlatteningLesson>} */
@@ -215,18 +214,18 @@ const flattened = {
     const from = sheet.image("image", image, box, sheet.titled(left, `View ${lesson.view_index}`));
     const onto = sheet.image("flat", color, flat, sheet.titled(middle, "Flattened view F(u, v)"), { bar: true });
     const sides = [...triangles].flatMap((k, i) => [k, triangles[i % 3 === 2 ? i - 2 : i + 1]]);
-    const detail = showDetail(sheet, onto, flat, sheet.titled(right, "Detail", "with triangles"), at, (map) => {
-      sheet.picture(map, color, flat, 0.6);
-      sheet.segments(map, uv, sides, sheet.color.text, 1);
+    const detail = showDetail(sheet, onto, flat, sheet.titled(right, "Detail", "with triangles"), at, (pane) => {
+      pane.picture(color, flat, 0.6);
+      pane.segments(uv, sides, sheet.palette.text, 1);
     });
     const found = triangleAt(lesson, at);
-    const mark = (/** @type {PaneMap} */ map, /** @type {Numbers} */ of, radius = 8) => {
-      const corners = (found?.corners ?? []).map((k) => map.at(of[2 * k], of[2 * k + 1]));
-      const sum = (/** @type {number} */ axis) =>
-        corners.reduce((x, c, k) => x + c[axis] * (found?.weights[k] ?? 0), 0);
-      sheet.clipped(map.rect, () => {
-        sheet.fill(sheet.color.mark, (to) => corners.forEach((corner) => to.lineTo(...corner)), 0.5);
-        if (found) sheet.ring([sum(0), sum(1)], radius, sheet.color.mark);
+    const mark = (/** @type {Pane} */ pane, /** @type {Numbers} */ of, radius = 8) => {
+      if (!found) return;
+      const corners = found.corners.map((k) => [of[2 * k], of[2 * k + 1]]);
+      const middle = [0, 1].map((axis) => corners.reduce((x, c, k) => x + c[axis] * found.weights[k], 0));
+      sheet.clipped(pane.rect, () => {
+        pane.area(corners, sheet.palette.mark, 0.5);
+        pane.ring(middle, radius, sheet.palette.mark);
       });
     };
     mark(from, xy);
@@ -248,7 +247,7 @@ const flattened = {
 const start = {
   draw(sheet, rect, lesson) {
     const { array, angles_deg: angles, view_index: chosen, tried } = lesson;
-    const { color } = sheet;
+    const { palette: color } = sheet;
     const [top, bottom] = rows(rect, [1, 1.2]);
     const [first, last] = [Math.min(...angles), Math.max(...angles)];
     const half = (last - first) / Math.max(1, angles.length - 1) / 2;

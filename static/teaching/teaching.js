@@ -4,7 +4,7 @@ import { byId, find, findAll, make, rebuild, setAllowed, setCurrent, setText } f
 import { isPlain, taken, targetOf, WAYS, within } from "../page/dom.js";
 import { number } from "../page/format.js";
 import { onTheme } from "../page/theme.js";
-import { Sheet, inset } from "./draw.js";
+import { Sheet } from "./draw.js";
 import { connectFrame, FRAME, STAGES, symbols } from "./frame.js";
 import { fetchLesson } from "./lesson.js";
 
@@ -237,11 +237,11 @@ export class Teaching {
     const target = targetOf(event);
     const way = WAYS[event.key];
     if (!way || !isPlain(event) || target.matches("input")) return;
-    const map = this.sheet.panes.find(({ key }) => key === this.stage.probe);
-    if (target === this.canvas && map && this.probe) {
-      const step = (event.shiftKey ? 5 : 1) * PROBE_STEP * Math.min(map.rect.w, map.rect.h);
-      const [x, y] = map.at(...this.probe);
-      this.point(map.from(x + step * way[0], y + step * way[1]));
+    const pane = this.sheet.panes.find(({ key }) => key === this.stage.probe);
+    if (target === this.canvas && pane && this.probe) {
+      const step = (event.shiftKey ? 5 : 1) * PROBE_STEP * Math.min(pane.rect.w, pane.rect.h);
+      const { x, y } = pane.at(...this.probe);
+      this.point(pane.from(x + step * way[0], y + step * way[1]));
     } else if (way[0] || target.matches(".teaching-stage")) {
       this.go(this.at + way[0] + way[1]);
       if (target.matches(".teaching-stage")) findAll(".teaching-stage")[this.at].focus();
@@ -297,8 +297,7 @@ export class Teaching {
     if (!this.open || !lesson) return;
     const { draw, start } = this.stage;
     const at = (this.probe ??= start?.(lesson) ?? null) ?? [0, 0];
-    const rect = inset(this.sheet.begin(), 14, 10, 14, 14);
-    this.showFacts(draw(this.sheet, rect, lesson, { at, time: this.time }));
+    this.showFacts(draw(this.sheet, this.sheet.begin(), lesson, { at, time: this.time }));
     this.shown = { stage: this.at + 1, parameters: lesson.parameters };
   }
 

@@ -1,18 +1,11 @@
 // The types of the teaching mode, known to its modules without an import: lessons as the server sends them, stages.
 
-import type { Sheet as SheetClass } from "./draw.js";
+import type { Pane as PaneClass, Sheet as SheetClass } from "./draw.js";
 import type { Teaching as TeachingClass } from "./teaching.js";
 
 declare global {
   type Sheet = SheetClass;
-  /** From a pane's own units to CSS pixels and back; both directions may have scales of their own. */
-  type PaneMap = {
-    key: string;
-    rect: Rect;
-    scale: number[];
-    at: (u: number, v: number) => UV;
-    from: (x: number, y: number) => UV;
-  };
+  type Pane = PaneClass;
   type Teaching = TeachingClass;
   type NumberArray = Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array;
   type PartName = "flattening" | "start" | "planning" | "alignment" | "sides" | "garment" | "check" | "shape";
@@ -35,6 +28,7 @@ declare global {
     yLabel?: string;
     color?: string;
   };
+  type PaneOptions = { margin?: number; stretch?: boolean; bar?: boolean };
   /** An arrow at a Z-angle, seen from above. */
   type Arrow = { deg: number; label: string; color: string; dash?: number[] };
   type Possibility = { name: string; probability: number; color?: string };

@@ -339,10 +339,7 @@ class Tab:
 
     def findings(self) -> list[str]:
         """Return what axe-core finds: rule, why it matters, and the elements; minor ones are left out."""
-        axe = pytest.importorskip(
-            "axe_playwright_python.sync_playwright",
-            reason="axe-core is not installed: pip install '.[test]'",
-        )
+        axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install '.[test]'")
         viser = {"exclude": [["#viser"]]}  # the page in the frame is viser's own
         rules = {"label-content-name-mismatch": {"enabled": True}}
         options = {"rules": rules, "resultTypes": ["violations"]}  # the nodes of all others are many

@@ -41,7 +41,7 @@ def the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(tab):
     (u, v), (x, y) = pairs["shape_uv_m"][7], pairs["placed_uv_m"][7]
     assert 1000 * math.hypot(x - u, y - v) == pytest.approx(pairs["residual_mm"][7], abs=0.05)
     tab.page.mouse.move(*tab.at([u, v]))
-    tab.until("flatcloth.diagnostics.pair !== null")
+    tab.until("flatcloth.diagnostics.marked !== null")
     expect(tab.page.locator(".diagnostics-column")).to_contain_text("apart on the plane")
     tab.shoot("diagnostics-pairs")
     before = max(pairs["residual_mm"])

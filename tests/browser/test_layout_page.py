@@ -112,3 +112,6 @@ def test_fingers_hit_each_control_of_a_phone(open_tab):
         tab.page.locator(f"[data-id=part-{part}]").tap()
         assert tab.page.evaluate(TOO_SMALL) == [], part
     assert tab.overflow() == [0, 0]
+    tab.page.locator("[data-id=pane-scene]").tap()
+    tab.page.keyboard.press("PageDown")  # what is said then does not lie over the source image
+    assert box(tab, ".toast")["y"] + box(tab, ".toast")["height"] <= box(tab, "#sources")["y"]

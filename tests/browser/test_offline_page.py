@@ -94,9 +94,7 @@ class Offline:
             [x, y],
         )
 
-    def shoot(self, name: str) -> None:
-        SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-        self.page.screenshot(path=SCREENSHOTS / f"{name}.png")
+    shoot = Tab.shoot
 
 
 @pytest.fixture

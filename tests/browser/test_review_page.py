@@ -24,8 +24,10 @@ def listed(tab) -> list[int]:
 def test_a_session_is_reviewed_and_its_data_are_taken_away(open_tab, tmp_path: Path) -> None:
     tab = open_tab(1280, 800).ready()
     page = tab.page
-    tab.step()
-    tab.accept()
+    page.keyboard.press("s")
+    tab.until("flatcloth.phase !== 'ready'")
+    page.keyboard.press("a")  # the view is accepted as soon as it is drawn
+    tab.until("flatcloth.step === 2")
     tab.step()
     refused = tab.state()["pending"]["view_index"]
     page.keyboard.press("e")

@@ -59,8 +59,8 @@ def test_the_source_image_follows_the_proposal_and_shows_where_a_pick_was_seen(o
     tab.until("flatcloth.sources.drawn.states === false")
     assert tab.page.locator("#source-states").is_hidden()
     tab.page.keyboard.press("Shift+I")
-    assert tab.page.locator("#source-canvas").count() == 0
-    folded = tab.page.locator("#sources button")
+    assert tab.page.locator("#source-canvas").is_hidden()
+    folded = tab.page.locator("#sources button:visible")
     assert "Source image" in folded.inner_text()
     folded.click()
     assert tab.page.locator("#source-canvas").is_visible()

@@ -4,18 +4,15 @@ import { drawPieces } from "../../static/canvas/pieces.js";
 
 function drawn(pieces) {
   const plates = [];
-  const context = new Proxy(
-    { fillRect: (...box) => plates.push(box), measureText: () => ({ width: 60 }) },
-    { get: (own, name) => own[name] ?? (() => {}), set: () => true },
-  );
-  const canvas = {
-    width: 400,
-    height: 600,
-    context,
-    transform: { toPane: (u, v) => ({ x: 1000 * u, y: 1000 * v }) },
+  const pen = {
+    at: ([u, v]) => ({ x: 1000 * u, y: 1000 * v }),
+    line: () => {},
+    fill: () => {},
+    widthOf: () => 70,
+    label: (_, { x, y }, { width, height }) => plates.push({ x, y: y - height / 2, w: width, h: height }),
   };
-  drawPieces(canvas, context, { getPropertyValue: () => "#000" }, pieces, null);
-  return plates.filter(([, , wide]) => wide > 6).map(([x, y, w, h]) => ({ x, y, w, h }));
+  drawPieces({ width: 400, height: 600, pen }, pieces, null);
+  return plates;
 }
 
 const piece = (label, u, v) => ({
