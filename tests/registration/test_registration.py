@@ -31,25 +31,11 @@ def exact() -> Integration:
     return Integration(Cylinder(angles_deg=ANGLES, span_deg=(-80.0, 80.0)))
 
 
-def test_views_whose_rotation_is_right_stay_where_they_are(exact: Integration) -> None:
-    found = registered(exact)
-    for pose, known in zip(found.object_from_camera, found.known, strict=True):
-        np.testing.assert_allclose(pose.rotation, known.rotation, atol=2e-3)
-        np.testing.assert_allclose(pose.translation_m, known.translation_m, atol=2e-3)
-    robust = exact.algorithm
+def test_views_that_are_confirmed_stand_as_recorded_to_the_last_bit(exact: Integration) -> None:
+    robust, found = exact.algorithm, registered(exact)
     assert isinstance(robust, RobustMethod)
     for pose, known in zip(robust.seen.poses((0, 1, 2)), found.known, strict=True):
         np.testing.assert_array_equal(pose.translation_m, known.translation_m)
-
-
-def test_each_view_says_what_was_changed_and_how_sure_that_is(exact: Integration) -> None:
-    views = registered(exact).views
-    assert [v.view_index for v in views] == [0, 1, 2]
-    for view in views[1:]:
-        assert abs(view.turned_deg) < 0.5
-        assert view.moved_m < 0.002
-        assert (view.std_m > 0).all()
-        assert (view.std_deg > 0).all()
 
 
 def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_confirmed(
@@ -65,13 +51,6 @@ def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_conf
     assert [view.view_index for view in other.views] == [0, 2]  # with deviations
 
 
-def test_a_view_with_nothing_in_common_stays_and_says_so(exact: Integration) -> None:
-    made = Integration(Cylinder(angles_deg=(0.0, 120.0), span_deg=(-150.0, 60.0)))
-    found = registered(made, (0, 1))
-    assert found.pairs == ()
-    assert found.views[1].moved_m < 1e-4
-
-
 def test_two_views_are_compared_about_the_middle_between_what_they_show(exact: Integration) -> None:
     found = registered(exact)
     assert found.pairs
@@ -79,10 +58,6 @@ def test_two_views_are_compared_about_the_middle_between_what_they_show(exact: I
         middles = [found.known[n].apply(found.features[n].middle_m) for n in (pair.first, pair.second)]
         assert np.linalg.norm(middles[0] - middles[1]) > 0.01
         np.testing.assert_allclose(pair.center_m, np.mean(middles, axis=0))
-
-
-def test_without_pairs_nothing_is_surprising(exact: Integration) -> None:
-    assert registered(exact, (0,)).surprises.shape == (0,)
 
 
 def _bytes(found: Registered) -> list[bytes]:
