@@ -232,14 +232,3 @@ def sheet(rows: int, cols: int, origin_uv_m: tuple[float, float]) -> FlattenedVi
     valid = np.zeros((rows, cols + 5), dtype=np.bool_)
     valid[:, 5:] = True
     return replace(view, valid=valid, origin_uv_m=origin_uv_m)
-
-
-def test_the_growth_takes_shapes_as_they_were_extended() -> None:
-    made = shared("robust")
-    document = three_accepted(made).document
-    for order in range(len(document.accepted)):
-        earlier = replace(document, accepted=document.accepted[:order])
-        quick, exact = made.algorithm.earlier(earlier, document), made.canonical(earlier)
-        assert quick.view.area_m2 == pytest.approx(exact.view.area_m2, rel=0.01)
-        assert set(np.unique(quick.view.view_index)) == set(np.unique(exact.view.view_index))
-        assert len(quick.floating) == len(exact.floating)

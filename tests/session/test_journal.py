@@ -102,6 +102,8 @@ def test_a_computation_in_flight_is_given_up_on_resuming_and_the_session_goes_on
         (lambda lines: [*lines[:3], lines[3].replace(b"theta_rad", b"theta_deg")], "line 4 is damaged"),
         (lambda lines: [*lines[:3], lines[3].replace(b'"right"', b'"up"')], "line 4 is damaged"),
         (lambda lines: [*lines, b""], "line 13 is damaged"),
+        (lambda lines: [*lines[:4], lines[5], lines[4], *lines[6:]], "line 5 is damaged .it is numbered 6"),
+        (lambda lines: [*lines[:5], *lines[4:]], "line 6 is damaged .it is numbered 5"),
     ],
 )
 def test_damage_before_the_end_is_named_by_its_line(

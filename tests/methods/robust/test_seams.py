@@ -17,7 +17,6 @@ from made_up_tube import (
     in_space,
     joined,
     raster,
-    seamed,
     seams,
     side,
 )
@@ -288,7 +287,7 @@ def test_a_piece_is_counted_as_it_is_drawn_where_smaller_ones_are_not() -> None:
     this = replace(side(seen, is_other=False), all_uv_m=own, piece=number)
     back = side(EVERYTHING, is_other=True, strength=200.0)
     pieces = [raster(this, at, n, is_other=False) for n in (0, 2)], [raster(back, UV, is_other=True)]
-    (laid,) = other_of(seamed(this, back, pieces, bordered(pieces))).laid
+    (laid,) = other_of(join_sides(this, back, pieces, bordered(pieces))).laid
     assert laid.index == 0
     there = laid.shape_from_piece.apply(own[number == 2])
     assert np.linalg.norm(there - at[number == 2], axis=1).max() < 0.006
@@ -296,8 +295,9 @@ def test_a_piece_is_counted_as_it_is_drawn_where_smaller_ones_are_not() -> None:
 
 def test_the_shape_stays_the_main_piece_when_the_other_side_floats_and_is_larger() -> None:
     left = COLUMN < 12
-    found = joined(side(left, is_other=False), OTHER, UV[left], decided=(), ends=None)
+    this = side(left, is_other=False)
+    found = joined(this, OTHER, UV[left])
     (seam, *_) = seams(found)
-    apart = joined(side(left, is_other=False), OTHER, UV[left], decided=(decision(seam, kept=False),))
+    apart = joined(this, OTHER, UV[left], decided=(decision(seam, kept=False),))
     assert found.is_related
     assert not apart.is_related
