@@ -7,11 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from made_up_sheets import shape_of_view
-from scenes import AXIS, Cylinder
+from scenes import AXIS, Cylinder, placed_view
 
-from flatcloth.core.config import SurfaceConfig
-from flatcloth.core.geometry import object_from_camera
-from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.answers import Candidate
 from flatcloth.methods.robust.next_best_view import neighbourhoods_of, rate_candidates, seams_ahead
 from flatcloth.shape.shape import Shape
@@ -22,9 +19,7 @@ RADIUS_M, HEIGHT_M = 0.12, 0.20
 
 def shape_of(span_deg: tuple[float, float] = (-180.0, 180.0)) -> Shape:
     cylinder = Cylinder(angles_deg=(0.0,), span_deg=span_deg)
-    held = object_from_camera(AXIS, 0.0)
-    surface = observe_surface(cylinder[0], AXIS, SurfaceConfig())
-    return shape_of_view(surface, held, cylinder.flat_uv_m)
+    return shape_of_view(placed_view(cylinder[0]), cylinder.flat_uv_m)
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_sheets import STILL, shape_of_view
-from scenes import AXIS, box, frame, plane
+from made_up_sheets import shape_of_view
+from scenes import box, frame, placed_view, plane
 
-from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.types import Rigid2
-from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.robust.scoring import SampledComponent, cloth_pairs, refined, score_placement
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.shape.shape import Shape
@@ -20,8 +18,7 @@ HALF_M = 0.09
 @pytest.fixture(scope="module")
 def sheet() -> Shape:
     depth = plane()
-    surface = observe_surface(frame(depth, box(HALF_M, depth)), AXIS, SurfaceConfig())
-    return shape_of_view(surface, STILL, lambda xyz_m: xyz_m[:, :2])
+    return shape_of_view(placed_view(frame(depth, box(HALF_M, depth))), lambda xyz_m: xyz_m[:, :2])
 
 
 @pytest.fixture(scope="module")
