@@ -5,11 +5,11 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from garment_evidence import blank_view
 from sheet_runs import STEPS, done, integration, shared
-from viewer_fakes import cylinder_view
 
 from flatcloth.core.errors import AlignmentError
-from flatcloth.core.types import FlattenedView, Rigid2
+from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import outcome_of
@@ -53,6 +53,15 @@ def places(made: Integration, document: Document) -> dict[int, Rigid2]:
 def apart_m(one: Rigid2, other: Rigid2) -> float:
     corners = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1]])
     return float(np.linalg.norm(one.apply(corners) - other.apply(corners), axis=1).max())
+
+
+def lays_nothing(made: Integration, patched: pytest.MonkeyPatch) -> None:
+    """Let the method lay no view any more."""
+
+    def nothing(*_: object) -> None:
+        raise AlignmentError("View 2: it has no cloth in common with the shape; choose another view.")
+
+    patched.setattr(made.algorithm, "propose", nothing)
 
 
 @pytest.mark.parametrize("method", method_names())
@@ -106,11 +115,7 @@ def test_what_no_longer_fits_is_asked_again_with_the_reason(method: str) -> None
 def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
     made = integration("robust")
     before = three_accepted(made)
-
-    def nothing(*_: object) -> None:
-        raise AlignmentError("View 2: it has no cloth in common with the shape; choose another view.")
-
-    monkeypatch.setattr(made.algorithm, "propose", nothing)
+    lays_nothing(made, monkeypatch)
     state = done(made, before, Reopen(1), Reject(1))
     pending = state.document.pending
     assert (pending.view_index, pending.score) == (2, 0.0)
@@ -158,11 +163,7 @@ def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by
 ) -> None:
     made = integration(method)
     state = done(made, SessionState(len(STEPS)), Start(0))
-
-    def nothing(*_: object) -> None:
-        raise AlignmentError("View 2: it has no cloth in common with the shape; choose another view.")
-
-    monkeypatch.setattr(made.algorithm, "propose", nothing)
+    lays_nothing(made, monkeypatch)
     state = done(made, state, Propose(2))
     pending = state.document.pending
     assert pending.score == 0.0
@@ -215,7 +216,10 @@ def test_a_piece_that_outgrows_the_shape_becomes_the_shape() -> None:
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
 def test_a_component_is_laid_on_its_side_of_the_shape_at_its_height_without_touching_it(side: Side) -> None:
-    shape, part = sheet(rows=30, cols=20, origin_uv_m=(-0.1, 0.3)), sheet(12, 8, origin_uv_m=(0.5, -0.2))
+    shape, part = (
+        blank_view(np.pad(np.ones(size, dtype=bool), ((0, 0), (5, 0))), origin_uv_m=origin_uv_m)
+        for size, origin_uv_m in (((30, 20), (-0.1, 0.3)), ((12, 8), (0.5, -0.2)))
+    )
     motion = laid_beside(shape, {3: part}, side).alignment.current_from_new
     assert motion.theta_rad == 0.0
     shape_uv_m = shape.uv_from_rc(np.argwhere(shape.valid))
@@ -224,11 +228,3 @@ def test_a_component_is_laid_on_its_side_of_the_shape_at_its_height_without_touc
     gap_m = own_m[0][0] - moved_m[1][0] if side is Side.LEFT else moved_m[0][0] - own_m[1][0]
     assert gap_m == pytest.approx(0.02)
     assert sum(moved_m)[1] == pytest.approx(sum(own_m)[1])  # the middles of their heights
-
-
-def sheet(rows: int, cols: int, origin_uv_m: tuple[float, float]) -> FlattenedView:
-    """A rectangle of cloth in a grid with an empty border of 5 pixels on the left."""
-    view = cylinder_view({0: 0.0})
-    valid = np.zeros((rows, cols + 5), dtype=np.bool_)
-    valid[:, 5:] = True
-    return replace(view, valid=valid, origin_uv_m=origin_uv_m)
