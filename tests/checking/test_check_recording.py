@@ -54,6 +54,7 @@ def test_nothing_is_wrong_with_a_right_recording(name):
 def test_nothing_is_wrong_where_only_the_sensor_is_noisier(name, noise_px):
     # Noise that partly stays where it is in the image lets turns between neighbours look shorter.
     recording = open_recording(name)
+    recording = altered(recording, angles_deg=recording.angles_deg[:18])
     shape = recording[0].depth_m.shape
 
     def field(seed):
@@ -122,8 +123,8 @@ def test_an_item_that_does_not_turn_is_named_and_nothing_mends_it(half):
 
 
 def test_a_recording_of_one_view_has_nothing_to_be_compared(right):
-    alone = altered(right, angles_deg=right.angles_deg[:1])
-    assert check_recording(alone).unjudged == "fewer than two views show a surface of the item"
+    check = check_recording(altered(right, angles_deg=right.angles_deg[:1]))
+    assert (check.unjudged, check.findings) == ("fewer than two views show a surface of the item", ())
 
 
 @pytest.mark.parametrize("views", [5, 6, 9])
@@ -156,12 +157,12 @@ def test_an_axis_beside_the_item_is_to_be_estimated(half):
     assert found.mends == (Mends(estimate_axis=True),)
 
 
-def test_what_makes_results_worse_only_is_told_and_does_not_stop(right):
+def test_what_makes_results_worse_only_is_told_and_does_not_stop(right, half):
     def exposed(frame):
         color = np.clip(frame.color * (0.4 if frame.view_index == 9 else 1.0), 0, 255).astype(np.uint8)
         return ViewImages(color, frame.depth_m, frame.mask)
 
-    check = check_recording(_with(right, exposed))
+    check = check_recording(_with(half, exposed))
     assert [found.name for found in check.findings] == ["exposure"]
     assert check.certain == ()
     few = mended(right, Mends(leave_out=tuple(n for n in range(36) if n % 6)))
@@ -187,9 +188,6 @@ def test_a_slipped_turntable_is_told_from_a_single_view_and_the_end_of_a_turn_te
     assert np.abs(turned).max() < 1.5
 
 
-ONE_VIEW = Mends(leave_out=tuple(range(1, 36)))
-
-
-@pytest.mark.parametrize("change", [ONE_VIEW, Mends(angle_factor=0.96), Mends(angle_factor=1.04)])
-def test_a_single_view_and_steps_that_are_a_little_longer_are_no_mistake(right, change):
-    assert check_recording(mended(right, change)).findings == ()
+@pytest.mark.parametrize("factor", [0.96, 1.04])
+def test_steps_that_are_a_little_longer_are_no_mistake(half, factor):
+    assert check_recording(mended(half, Mends(angle_factor=factor))).findings == ()

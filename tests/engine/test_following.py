@@ -65,7 +65,7 @@ def lays_nothing(made: Integration, patched: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("method", method_names())
-def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs(method: str) -> None:
+def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs(method):
     made = shared(method)
     before = three_accepted(made)
     after = done(made, before, Reopen(2), Reject(2))
@@ -74,7 +74,7 @@ def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs
     assert apart_m(places(made, after.document)[3], places(made, before.document)[3]) < 0.004
 
 
-def test_by_the_paper_a_view_laid_by_hand_is_carried_along_with_the_one_it_lay_on() -> None:
+def test_by_the_paper_a_view_laid_by_hand_is_carried_along_with_the_one_it_lay_on():
     made = shared("paper")
     start = done(made, SessionState(len(STEPS)), Start(0))
     state = done(made, start, Propose(1), Accept(1), Propose(2), Nudge(2, Rigid2(0, 1e-4, 0)), Accept(2))
@@ -93,7 +93,7 @@ def test_by_the_paper_a_view_laid_by_hand_is_carried_along_with_the_one_it_lay_o
 
 
 @pytest.mark.parametrize("method", method_names())
-def test_what_no_longer_fits_is_asked_again_with_the_reason(method: str) -> None:
+def test_what_no_longer_fits_is_asked_again_with_the_reason(method):
     made = shared(method)
     before = three_accepted(made)
     accepted = list(before.document.accepted)
@@ -112,7 +112,7 @@ def test_what_no_longer_fits_is_asked_again_with_the_reason(method: str) -> None
     assert made.proposal(state.document).parts  # it can be looked at
 
 
-def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch):
     made = integration("robust")
     before = three_accepted(made)
     lays_nothing(made, monkeypatch)
@@ -126,7 +126,7 @@ def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch: p
 # --- skipped --------------------------------------------------------------------------------------
 
 
-def test_a_skipped_view_comes_again_when_the_others_are_done() -> None:
+def test_a_skipped_view_comes_again_when_the_others_are_done():
     made = integration("robust", angles_deg=(0.0, 20.0, 40.0))
     state = done(made, SessionState(3), Start(0), Propose())
     asked = []
@@ -144,7 +144,7 @@ def test_a_skipped_view_comes_again_when_the_others_are_done() -> None:
     assert not any(s.view_index in end.document.used_views for s in end.document.skipped)
 
 
-def test_an_unattended_run_goes_on_with_what_waited_to_follow() -> None:
+def test_an_unattended_run_goes_on_with_what_waited_to_follow():
     made = integration("robust")
     waiting = apply(done(made, three_accepted(made), Reopen(2)), Reject(2))
     assert waiting.request is not None
@@ -158,9 +158,7 @@ def test_an_unattended_run_goes_on_with_what_waited_to_follow() -> None:
 
 
 @pytest.mark.parametrize("method", method_names())
-def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by_hand(
-    method: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by_hand(method, monkeypatch):
     made = integration(method)
     state = done(made, SessionState(len(STEPS)), Start(0))
     lays_nothing(made, monkeypatch)
@@ -183,7 +181,7 @@ def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by
     assert made.canonical(placed.document).view.area_m2 > 1.1 * shape.area_m2
 
 
-def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_placed_by_hand() -> None:
+def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_placed_by_hand():
     # Views 0 and 1 share cloth, and so do 2 and 3 on the other side.
     made = integration("robust", angles_deg=(0.0, 20.0, 170.0, 190.0), span_deg=(-180.0, 180.0))
     state = three_accepted(made)
@@ -206,7 +204,7 @@ def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_p
     assert whole_m2 - 0.04 * 0.25 < joined.view.area_m2 < whole_m2
 
 
-def test_a_piece_that_outgrows_the_shape_becomes_the_shape() -> None:
+def test_a_piece_that_outgrows_the_shape_becomes_the_shape():
     made = integration("robust", angles_deg=(0.0, 150.0, 170.0, 190.0), span_deg=(-180.0, 180.0))
     state = three_accepted(made)
     shape = made.canonical(state.document)
@@ -215,7 +213,7 @@ def test_a_piece_that_outgrows_the_shape_becomes_the_shape() -> None:
 
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
-def test_a_component_is_laid_on_its_side_of_the_shape_at_its_height_without_touching_it(side: Side) -> None:
+def test_a_component_is_laid_on_its_side_of_the_shape_at_its_height_without_touching_it(side):
     shape, part = (
         blank_view(np.pad(np.ones(size, dtype=bool), ((0, 0), (5, 0))), origin_uv_m=origin_uv_m)
         for size, origin_uv_m in (((30, 20), (-0.1, 0.3)), ((12, 8), (0.5, -0.2)))

@@ -31,16 +31,14 @@ def exact() -> Integration:
     return Integration(Cylinder(angles_deg=ANGLES, span_deg=(-80.0, 80.0)))
 
 
-def test_views_that_are_confirmed_stand_as_recorded_to_the_last_bit(exact: Integration) -> None:
+def test_views_that_are_confirmed_stand_as_recorded_to_the_last_bit(exact):
     robust, found = exact.algorithm, registered(exact)
     assert isinstance(robust, RobustMethod)
     for pose, known in zip(robust.seen.poses((0, 1, 2)), found.known, strict=True):
         np.testing.assert_array_equal(pose.translation_m, known.translation_m)
 
 
-def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_confirmed(
-    exact: Integration,
-) -> None:
+def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_confirmed(exact):
     found = registered(exact)
     features = features_of_views(exact, (0, 2))
     other = register(features, exact.axis, exact.views.held_point_m, confirmed=found)
@@ -51,7 +49,7 @@ def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_conf
     assert [view.view_index for view in other.views] == [0, 2]  # with deviations
 
 
-def test_two_views_are_compared_about_the_middle_between_what_they_show(exact: Integration) -> None:
+def test_two_views_are_compared_about_the_middle_between_what_they_show(exact):
     found = registered(exact)
     assert found.pairs
     for pair in found.pairs:
@@ -66,7 +64,7 @@ def _bytes(found: Registered) -> list[bytes]:
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
-def test_views_added_in_any_order_are_registered_alike(exact: Integration, order: tuple[int, ...]) -> None:
+def test_views_added_in_any_order_are_registered_alike(exact, order):
     fits: Fits = {}
     features = features_of_views(exact, (0, 1, 2))
     for count in range(1, 4):
@@ -76,9 +74,7 @@ def test_views_added_in_any_order_are_registered_alike(exact: Integration, order
     assert found.view_indices == (0, 1, 2)
 
 
-def test_a_view_is_compared_with_the_nearest_on_either_side_and_one_further_away(
-    exact: Integration, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_view_is_compared_with_the_nearest_on_either_side_and_one_further_away(exact, monkeypatch):
     (one,) = features_of_views(exact, (0,))
     monkeypatch.setattr(cameras, "fit_pair", lambda *_: None)
 
@@ -96,7 +92,7 @@ def test_a_view_is_compared_with_the_nearest_on_either_side_and_one_further_away
     assert compared(0.0) == set()
 
 
-def test_a_pair_is_compared_once(exact: Integration, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pair_is_compared_once(exact, monkeypatch):
     fits: Fits = {}
     first, second, third = features_of_views(exact, (0, 1, 2))
     register([first, second, third], exact.axis, exact.views.held_point_m, fits)
@@ -105,7 +101,7 @@ def test_a_pair_is_compared_once(exact: Integration, monkeypatch: pytest.MonkeyP
     register([first, second, third], exact.axis, exact.views.held_point_m, fits)
 
 
-def test_many_views_need_the_memory_of_a_few_matrices_not_of_one_for_each_grade(exact: Integration) -> None:
+def test_many_views_need_the_memory_of_a_few_matrices_not_of_one_for_each_grade(exact):
     few = registered(exact)
     n = 200
     many = replace(
