@@ -176,8 +176,6 @@ def test_a_folder_for_temporary_files_that_cannot_be_written_is_one_line(monkeyp
     assert line.endswith("Set TMPDIR to a writable one.")
 
 
-# --- a cache that cannot be written ---------------------------------------------------------------
-
 KERNEL = """
 import resource
 from flatcloth.core.compiled import njit

@@ -68,20 +68,20 @@ def test_an_encoder_that_passes_zero_is_found(take, capsys):
     assert check["findings"][0]["mends"][0]["angle_factor"] == pytest.approx(360 / 1024)
 
 
-def test_views_too_near_to_judge_are_not_called_right(take, capsys):
-    same = [(f"{n:05d}", 0) for n in range(12)]
-    folder = take(same, same)
-    assert main(["check", str(folder), "--step", "0.1"]) == 0
-    said = capsys.readouterr().out
-    assert "Nothing is wrong" not in said
-    assert "cannot be judged: its views are recorded 0.1 degrees apart, too near" in said
-
-
-def test_views_too_far_apart_are_not_called_right(take, capsys):
-    far = VIEWS[::6]
-    assert main(["check", str(take(far, far)), "--step", "60"]) == 0
+@pytest.mark.parametrize(
+    ("views", "step", "text"),
+    [
+        ([(f"{n:05d}", 0) for n in range(12)], "0.1", "its views are recorded 0.1 degrees apart, too near"),
+        (VIEWS[::6], "60", "cannot be judged"),
+    ],
+    ids=["too near", "too far apart"],
+)
+def test_views_that_cannot_be_judged_are_not_called_right(views, step, text, take, capsys):
+    assert main(["check", str(take(views, views)), "--step", step]) == 0
     said = capsys.readouterr().out
     assert "cannot be judged" in said
+    assert text in said
+    assert "Nothing is wrong" not in said
     assert "--angle-factor" not in said
 
 

@@ -74,9 +74,6 @@ def test_a_slow_reader_misses_frames_instead_of_lagging_behind(file: Path) -> No
     camera.close()
 
 
-# --- the real one ----------------------------------------------------------------------------------
-
-
 class FakeDevice:
     def __init__(self, serial: str, usb: str) -> None:
         self._about = {"serial_number": serial, "name": "Intel RealSense D435", "usb_type_descriptor": usb}
@@ -152,9 +149,6 @@ def test_a_camera_that_another_program_uses_is_told(monkeypatch: pytest.MonkeyPa
     library_with(monkeypatch, [FakeDevice("1", "3.2")], broken)
     with pytest.raises(CameraError, match=r"D435 1: cannot be started .*Close other programs"):
         RealsenseCamera()
-
-
-# --- what is wrong with a view ---------------------------------------------------------------------
 
 
 def board(half_px: tuple[int, int], depth_m: float, center: tuple[int, int] = (120, 120)) -> RgbdFrame:

@@ -278,9 +278,6 @@ def test_a_folder_with_something_in_it_is_refused_before_any_work(command, tmp_p
     assert f"{tmp_path}: not empty" in capsys.readouterr().err  # and not that there is no x
 
 
-# --- check -----------------------------------------------------------------------------------------
-
-
 NAME = "shirt-corner-d435"
 
 

@@ -123,9 +123,6 @@ def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch):
     assert pending.current_from_new == before.document.accepted[1].current_from_new
 
 
-# --- skipped --------------------------------------------------------------------------------------
-
-
 def test_a_skipped_view_comes_again_when_the_others_are_done():
     made = integration("robust", angles_deg=(0.0, 20.0, 40.0))
     state = done(made, SessionState(3), Start(0), Propose())
@@ -152,9 +149,6 @@ def test_an_unattended_run_goes_on_with_what_waited_to_follow():
     assert end.phase is Phase.FINISHED
     assert end.document.later == ()
     assert 3 in end.document.used_views
-
-
-# --- by hand --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", method_names())

@@ -23,9 +23,6 @@ def proposed(method: str) -> tuple[Integration, SessionState]:
     return made, done(made, SessionState(len(STEPS)), Start(0), Propose(2))
 
 
-# --- pairs ----------------------------------------------------------------------------------------
-
-
 @given(motion=MOTIONS, count=st.integers(2, 4))
 def test_pairs_that_a_motion_made_are_fitted_by_it(motion: Rigid2, count: int) -> None:
     new = POINTS[:count]
@@ -33,9 +30,6 @@ def test_pairs_that_a_motion_made_are_fitted_by_it(motion: Rigid2, count: int) -
     np.testing.assert_allclose(fit.by.apply(POINTS), motion.apply(POINTS), atol=1e-9)
     np.testing.assert_allclose(fit.fitted_m, 0.0, atol=1e-9)
     np.testing.assert_allclose(fit.residual_m, np.linalg.norm(motion.apply(new) - new, axis=1), atol=1e-12)
-
-
-# --- refinement -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("method", "distance"), [("robust", "place_median_mm"), ("paper", "height_rms_mm")])
@@ -56,9 +50,6 @@ def test_refining_a_proposal_that_was_moved_brings_it_back(method: str, distance
     assert np.linalg.norm(off, axis=1).max() < 0.003
     # Back where the method had it, it is the method's; elsewhere, the operator's.
     assert apply(back, Accept(2)).document.accepted[0].fixed == back.document.pending.moved
-
-
-# --- the reasons for a proposal of the paper's method ----------------------------------------------
 
 
 def test_the_continued_view_and_the_lines_at_the_middle_of_the_common_range_are_told() -> None:

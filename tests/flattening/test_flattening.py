@@ -150,9 +150,6 @@ def test_a_straight_path_visits_every_pixel_between_its_ends(hole: tuple[int, in
     assert (~path_on_surface(usable, steps, rc, pairs)).tolist() == blocked
 
 
-# --- necks ----------------------------------------------------------------------------------------
-
-
 def hourglass(neck_m: float, least_core: int = 8) -> Flattening:
     """Two squares of 80 mm joined by a strip 30 mm long."""
     depth = plane()

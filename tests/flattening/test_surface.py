@@ -180,9 +180,6 @@ def test_points_and_normals_between_the_pixels_of_a_plane_are_exact(slope: tuple
     np.testing.assert_allclose((points - on_plane) @ [slope[0], slope[1], -1.0], 0.0, atol=1e-5)
 
 
-# --- jumps ----------------------------------------------------------------------------------------
-
-
 def all_steps(depth_m: np.ndarray) -> np.ndarray:
     steps = np.full(depth_m.shape, STEPS_BOTH, dtype=np.uint8)
     steps[:, -1] &= ~np.uint8(STEP_RIGHT)
@@ -235,9 +232,6 @@ def test_noise_raises_the_least_jump() -> None:
     depth = plane() + 0.001 * random.standard_normal(plane().shape)
     steps = all_steps(depth)
     assert (cut_small_jumps(1.0 / depth, steps) != steps).mean() < 1e-4
-
-
-# --- noise ----------------------------------------------------------------------------------------
 
 
 PITCH_M = 0.85 / 425.0

@@ -39,9 +39,6 @@ KINDS = (
 )
 
 
-# ------------------------------------------------------------------ outlines
-
-
 @pytest.mark.parametrize("name", KINDS)
 def test_an_outline_is_symmetric_and_clockwise_without_crossings_and_has_its_named_points(
     name: str,
@@ -82,9 +79,6 @@ def test_the_derivatives_are_those_of_the_outline(name: str) -> None:
     np.testing.assert_allclose(moved - outline, slope @ change, atol=2e-6)
 
 
-# ------------------------------------------------------------------ distances
-
-
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
@@ -113,9 +107,6 @@ def test_poses_of_a_coarse_search_stand_evenly_in_the_box_where_a_piece_fits() -
     assert sorted(set(upright[:, 1])) == pytest.approx((np.arange(count[1]) + 0.5) * 0.3 / count[1])
     turned = poses[poses[:, 0] == np.pi, 1:] - np.array([0.1, 0.2])
     np.testing.assert_allclose(turned, upright, atol=1e-9)
-
-
-# ------------------------------------------------------------------ true edges
 
 
 def sheet_seen(
@@ -254,9 +245,6 @@ def test_cloth_that_is_not_a_number_is_said() -> None:
         evidence_of(dataclasses.replace(view, xyz_m=xyz), seen)
 
 
-# ------------------------------------------------------------------ fits
-
-
 def test_a_whole_outline_gives_its_own_parameters_and_pose() -> None:
     kind = kind_named("tshirt")
     parameters = kind.mean.copy()
@@ -322,9 +310,6 @@ def test_an_outline_through_seen_cloth_costs() -> None:
     assert crossing_energy(touching, (main,), np.zeros((1, 3))) == 0.0
     doubtful = dataclasses.replace(main, inside_std_m=np.full_like(main.inside_std_m, 0.3))
     assert crossing_energy(across, (doubtful,), np.zeros((1, 3))) < 0.5  # that cloth may be elsewhere
-
-
-# ------------------------------------------------------------------ named points
 
 
 def towel_shape(motion: Rigid2) -> tuple[FlattenedView, PieceEvidence]:

@@ -122,9 +122,6 @@ def test_a_ray_meets_the_front_of_the_cloth(points, direction, met) -> None:
     assert point_on_ray(points, np.zeros(3), np.array(direction)) == met
 
 
-# --- poses ----------------------------------------------------------------------------------------
-
-
 def picked(view: FlattenedView, u_m: float, v_m: float, grip: Grip | None = None) -> GraspPose:
     grasp = grasp_at(view, (u_m, v_m))
     pose = grasp_pose(view, grasp.position_held_m, grasp.normal_held, AXIS, grip)

@@ -19,9 +19,6 @@ from flatcloth.session.document import PlacedPart
 from flatcloth.session.journal import encode
 from flatcloth.session.machine import Nudge, Propose, Proposed, Start, Started, Undo, apply
 
-# --- while it is open -----------------------------------------------------------------------------
-
-
 HARMS: dict[str, Callable[[Path], object]] = {
     "removed": shutil.rmtree,
     "renamed": lambda place: place.rename(place.with_name("elsewhere")),
@@ -88,9 +85,6 @@ def test_deleting_the_lock_lets_no_second_process_in(place):
     opened(place).close()
 
 
-# --- what somebody else prepared ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("link", [os.symlink, os.link])
 @pytest.mark.parametrize("name", ["session.lock", "journal.jsonl"])
 def test_a_link_in_a_session_folder_is_not_written_through(place, tmp_path, name, link):
@@ -149,9 +143,6 @@ def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space"):
         replace_file(tmp_path / "cloud.ply", b"new")
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"cloud.ply": "old"}
-
-
-# --- numbers that no garment has ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("by", [Rigid2(0.0, 11.0, 0.0), Rigid2(0.0, 1e9, 0.0), Rigid2(0.0, 0.0, -1e308)])

@@ -127,9 +127,6 @@ def test_numbers_and_names_that_cannot_be_read_back_are_refused(place):
     folder.close()
 
 
-# --- damage -----------------------------------------------------------------------------------------
-
-
 def test_every_changed_byte_is_noticed(played, place):
     played.close()
     journal = place / "journal.jsonl"
@@ -175,9 +172,6 @@ def test_a_journal_cut_anywhere_resumes_to_what_was_whole_and_goes_on(place, scr
             assert resumed(place) == after_cut
             assert (place / "journal.jsonl").read_bytes().startswith(data[:begun])
         begun += len(line)
-
-
-# --- picks ----------------------------------------------------------------------------------------
 
 
 def test_picks_are_added_renamed_deleted_and_restored(place):

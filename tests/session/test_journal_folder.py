@@ -17,8 +17,6 @@ from flatcloth.session.header import default_session_folder
 from flatcloth.session.machine import Undo, apply
 from flatcloth.session.store import SessionFolder
 
-# --- what a folder belongs to ---------------------------------------------------------------------
-
 
 def test_a_session_of_another_recording_method_or_configuration_is_refused(place):
     opened(place).close()
@@ -71,9 +69,6 @@ def test_a_folder_with_other_files_can_become_a_session(place):
     (place / "notes.txt").write_text("mine")
     opened(place).close()
     assert (place / "notes.txt").read_text() == "mine"
-
-
-# --- one writer, and disks that fail --------------------------------------------------------------
 
 
 def test_only_one_process_writes(played, place):
@@ -131,9 +126,6 @@ def test_a_closed_session_takes_no_decision(played):
     played.close()
     with pytest.raises(JournalError, match="closed"):
         played.record(Undo())
-
-
-# --- where sessions are kept ----------------------------------------------------------------------
 
 
 def test_default_folders_keep_apart_what_cannot_continue_each_other(state_home):

@@ -59,9 +59,6 @@ def lines_of(journal: Path) -> bytes:
     return data[: data.rfind(b"\n") + 1]
 
 
-# --- the page ------------------------------------------------------------------------------------
-
-
 def picked(url: str, token: str, rng: random.Random) -> set[int]:
     """Pick and keep places of the shape until a random moment; return the picks that were shown as kept."""
     state: dict[str, Any] = {}
@@ -133,9 +130,6 @@ def open_place(url: str, token: str, name: str) -> None:
         httpx.post(url + "/start/open", json={"kind": "folder", "name": name}, headers=headers, timeout=60.0)
 
 
-# --- a capture -----------------------------------------------------------------------------------
-
-
 def test_views_of_a_capture_that_were_told_survive_its_kill(tmp_path: Path) -> None:
     rng, counts = random.Random(8), Counter[str]()
     folder = tmp_path / "0"
@@ -156,9 +150,6 @@ def test_views_of_a_capture_that_were_told_survive_its_kill(tmp_path: Path) -> N
             folder = tmp_path / str(n + 1)
     print(f"\ncapture killed: {dict(counts)}")
     assert counts["lost"] == counts["torn"] == 0
-
-
-# --- run and batch -------------------------------------------------------------------------------
 
 
 def test_a_run_that_is_killed_goes_on_from_its_journal(tmp_path: Path) -> None:
@@ -211,9 +202,6 @@ def test_a_batch_that_is_killed_loses_no_row(tmp_path: Path) -> None:
     print(f"\nbatch killed: {dict(counts)}")
     assert counts["lost"] == counts["torn"] == counts["invented"] == 0
     assert {row["outcome"] for row in rows_in(out)} == {"done"}
-
-
-# --- verdicts ------------------------------------------------------------------------------------
 
 
 def test_no_damage_to_verdicts_is_accepted_silently(tmp_path: Path) -> None:
