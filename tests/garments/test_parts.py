@@ -18,6 +18,7 @@ from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.placing import place_elsewhere
 from flatcloth.garments.recognition import fits_of
 
+
 def joined_at(motion: Rigid2) -> tuple[PieceEvidence, np.ndarray]:
     """Return a shirt whose right sleeve is moved, and which of its places inside are of the sleeve."""
     kind = kind_named("long_sleeved_shirt")
