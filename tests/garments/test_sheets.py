@@ -5,15 +5,17 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from garment_evidence import at_mean
+from garment_evidence import at_mean, blank_view
 
 from flatcloth.core.types import Rigid2
+from flatcloth.engine.garment import _with_joined
 from flatcloth.garments.distance import inside_outline, to_edges
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.example import seen_outline
 from flatcloth.garments.fit import refine
 from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.placing import contradiction
+from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 
 
 def with_depth(outline: np.ndarray) -> PieceEvidence:
@@ -101,6 +103,27 @@ def test_a_piece_whose_other_side_lies_over_cloth_of_this_one_is_as_probable_the
     there = dataclasses.replace(fit, garment_from_piece=(Rigid2(), Rigid2()))
     assert contradiction(there, main, joined) == pytest.approx(contradiction(there, main, away))
     assert contradiction(there, main, main) > 10.0 + contradiction(there, main, joined)
+
+
+def test_what_seams_join_to_a_floating_piece_is_evidence_of_its_place(monkeypatch) -> None:
+    outline = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.2], [0.0, 0.2]])
+    piece, moved = with_depth(outline), Rigid2(2.0, 0.4, -0.3)
+    its_uv_m = moved.inverse().apply(outline) * [-1.0, 1.0]
+    other = with_depth(its_uv_m[::-1])
+    views = [blank_view(np.ones((3, 3), dtype=np.bool_)) for _ in range(3)]
+    asked: list[object] = []
+    monkeypatch.setattr("flatcloth.engine.garment.evidence_of", lambda *of: asked.append(of) or other)
+    seam = Seam(
+        this_piece=2, other_piece=2, this_uv_m=outline, other_uv_m=its_uv_m, xyz_m=np.zeros((4, 3)),
+        views=np.zeros((4, 2), dtype=np.int16), residual_m=np.zeros(4), why="",
+    )  # fmt: skip
+    canonical = Canonical(view=views[0], current_from_view={}, floating=tuple(views[1:]))
+    joined = JoinedSides(other=canonical, seams=(seam,), is_related=True)
+    cut = dataclasses.replace(joined, seams=(dataclasses.replace(seam, why="too few places meet"),))
+    assert _with_joined(piece, 1, joined, []) is _with_joined(piece, 2, cut, []) is piece
+    found = _with_joined(piece, 2, joined, [])
+    assert asked == [(views[2], [], [views[0], views[1]])]
+    np.testing.assert_allclose(found.edge_uv_m, piece.with_other_side(other, moved).edge_uv_m, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["skirt", "towel"])

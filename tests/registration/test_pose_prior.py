@@ -6,6 +6,7 @@ from scenes import AXIS
 
 from flatcloth.core.geometry import Rigid3, object_from_camera
 from flatcloth.flattening.surface import EXTENT_M
+from flatcloth.registration.pairwise import _weighed
 from flatcloth.registration.pose_prior import (
     PosePrior,
     across,
@@ -20,6 +21,7 @@ from flatcloth.registration.pose_prior import (
     twists_between,
     variances,
 )
+from flatcloth.registration.view_features import TERMS, Agreement
 
 HELD_M = np.array([0.02, -0.3, 0.85])
 ANGLE_DEG = 40.0
@@ -95,3 +97,25 @@ def test_a_pair_moves_as_far_as_its_own_errors_and_those_of_the_axis_allow() -> 
     # About the axis both views turn by their own errors.
     turn = np.radians(prior.turn_stds_deg[-1]) ** 2 * 2 + np.radians(prior.swing_stds_deg[0]) ** 2
     assert AXIS.direction @ covariance[:3, :3] @ AXIS.direction == pytest.approx(turn, rel=0.01)
+
+
+def test_texture_that_agrees_by_half_has_a_quarter_of_the_curvature() -> None:
+    def weighed(likeness: float) -> np.ndarray:
+        curvature = np.zeros((TERMS, 7, 7))
+        curvature[1] = np.eye(7)
+        agreement = Agreement(
+            matrix=curvature,
+            gradient=np.zeros((TERMS, 7)),
+            scores=np.zeros((TERMS, 40, 7)),
+            spread=np.zeros(TERMS),
+            likeness=np.full(TERMS - 1, likeness),
+            count=40,
+            parts=np.ones(40),
+            inner=40,
+            inertia=1e20 * np.eye(6),  # the motion of systematic errors is none
+            tally=np.zeros(3),
+        )
+        return np.asarray(_weighed(agreement, np.array([0.0, 0.1, 0.0, 0.0]), 1e-3)[0])
+
+    np.testing.assert_allclose(weighed(0.5), 0.25 * weighed(1.0), atol=1e-9)
+    assert weighed(1.0)[6, 6] > 10.0
