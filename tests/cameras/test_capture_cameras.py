@@ -41,15 +41,6 @@ def test_a_file_plays_in_the_place_of_a_camera(file: Path) -> None:
         camera.read()
 
 
-def test_every_frame_comes_if_nobody_waits_for_the_clock(file: Path) -> None:
-    camera = PlaybackCamera(file, real_time=False)
-    for _ in range(15):
-        camera.read()
-    with pytest.raises(CameraEndedError, match=r"still\.db3: has been played to its end"):
-        camera.read()
-    camera.close()
-
-
 def test_a_frame_is_filtered_while_it_is_measured(file: Path) -> None:
     true, _ = Cylinder(angles_deg=(0.0,)).surface(0)
     inner = np.isfinite(true) & (np.abs(np.arange(WIDTH) - 120) < 40)[None, :]

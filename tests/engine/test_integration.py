@@ -35,8 +35,9 @@ def started(made: Integration, view: int | None = None) -> SessionState:
     return done(made, SessionState(len(made.recording)), Start(view))
 
 
-def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
-    made = integration()
+def test_the_whole_sheet_is_integrated_and_the_loop_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = shared("paper")
+    monkeypatch.setattr(made, "is_unattended", True)
     state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
     assert state.phase is Phase.FINISHED
     assert "occluding edge" in (state.document.finished or "")
@@ -71,12 +72,13 @@ def test_a_view_of_the_other_side_is_passed_over_with_its_reason() -> None:
     state = done(made, started(made, 0), Propose())
     assert state.phase is Phase.FINISHED
     state = apply(started(made, 0), Propose(1))
-    with pytest.raises(FlatclothError, match="View 1"):
+    with pytest.raises(FlatclothError, match="View 1: no pixel of it shows the side of interest"):
         made.answer(state.document, state.request)  # type: ignore[arg-type]
 
 
 def test_unsure_refusals_lead_to_another_view_and_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = integration()
+    made = shared("paper")
+    monkeypatch.setattr(made, "is_unattended", True)
     monkeypatch.setattr(Integration, "accept_score", 2.0)  # no proposal is sure
     state = Run(made, MemorySession(started(made, 0))).finish()
     refused = [r.view_index for r in state.document.rejected]
