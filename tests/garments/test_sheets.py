@@ -105,14 +105,21 @@ def test_a_piece_whose_other_side_lies_over_cloth_of_this_one_is_as_probable_the
     assert contradiction(there, main, main) > 10.0 + contradiction(there, main, joined)
 
 
-def test_what_seams_join_to_a_floating_piece_is_evidence_of_its_place(monkeypatch) -> None:
+def test_what_seams_join_to_a_floating_piece_is_evidence_of_its_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     outline = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.2], [0.0, 0.2]])
     piece, moved = with_depth(outline), Rigid2(2.0, 0.4, -0.3)
     its_uv_m = moved.inverse().apply(outline) * [-1.0, 1.0]
     other = with_depth(its_uv_m[::-1])
     views = [blank_view(np.ones((3, 3), dtype=np.bool_)) for _ in range(3)]
     asked: list[object] = []
-    monkeypatch.setattr("flatcloth.engine.garment.evidence_of", lambda *of: asked.append(of) or other)
+
+    def evidence(*of: object) -> PieceEvidence:
+        asked.append(of)
+        return other
+
+    monkeypatch.setattr("flatcloth.engine.garment.evidence_of", evidence)
     seam = Seam(
         this_piece=2, other_piece=2, this_uv_m=outline, other_uv_m=its_uv_m, xyz_m=np.zeros((4, 3)),
         views=np.zeros((4, 2), dtype=np.int16), residual_m=np.zeros(4), why="",
