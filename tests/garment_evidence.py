@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.flattening.cloth import Cloth
@@ -80,6 +81,17 @@ def at_mean(name: str) -> np.ndarray:
     kind = kind_named(name)
     drawn: np.ndarray = kind.outline(kind.mean[:, None])[:, :, 0]
     return drawn
+
+
+def weakly_joined(rows: int, cols: int, weak_after: int, weak: float = 0.05) -> Cloth:
+    """Return a flat sheet of samples 12 mm apart, weakly joined around one of its columns."""
+    row, col = (each.ravel() for each in np.mgrid[0:rows, 0:cols])
+    uv = 0.012 * np.stack([col, row], axis=1)
+    edges = cKDTree(uv).query_pairs(0.018, output_type="ndarray").astype(np.int32)
+    steep = (np.abs(col[edges] - weak_after - 0.5) < 3.0).any(axis=1)
+    across = (col[edges] <= weak_after).sum(axis=1) == 1
+    xyz = np.concatenate([uv, np.full((len(uv), 1), 0.85)], axis=1)
+    return cloth_of(uv, xyz, edges, np.where(across, weak, np.where(steep, 0.3, 1.0)))
 
 
 def cloth_of(uv: np.ndarray, xyz: np.ndarray, edges: np.ndarray, evidence: np.ndarray) -> Cloth:

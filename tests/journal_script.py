@@ -78,13 +78,13 @@ CUT = Cut(points_m=CLOTH.points_m[:2], normals=((0.0, 0.0, -1.0),) * 2,
           beyond_m=(0.0, 0.2, 0.8), beyond_normal=(0.0, 0.0, -1.0))  # fmt: skip
 
 
-def opened(place: Path, method: str = "paper") -> SessionFolder:
-    return SessionFolder.open(place, RECORDING, Config(), method)
+def opened(place: Path) -> SessionFolder:
+    return SessionFolder.open(place, RECORDING, Config(), "paper")
 
 
-def resumed(place: Path, method: str = "paper") -> SessionState:
+def resumed(place: Path) -> SessionState:
     """The state that a session which was closed comes back with."""
-    folder = opened(place, method)
+    folder = opened(place)
     folder.close()
     return folder.state
 
@@ -106,9 +106,9 @@ def idle(state: SessionState) -> SessionState:
     return replace(state, request=None)
 
 
-def played_in(place: Path, steps: Sequence[Command | Event] = SCRIPT, method: str = "paper") -> SessionFolder:
+def played_in(place: Path, steps: Sequence[Command | Event] = SCRIPT) -> SessionFolder:
     """Return an open session in which steps, or the whole script, were played."""
-    folder = opened(place, method)
+    folder = opened(place)
     for step in steps:
         folder.record(step)
     return folder

@@ -9,7 +9,6 @@ from scipy.spatial import cKDTree
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3, fit_rigid2, tangent_basis
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
-from flatcloth.flattening.surface import Surface
 from flatcloth.shape.algorithm import laid_out, shape
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, graph_of
@@ -119,8 +118,6 @@ def exact_graph(
     *,
     frames: Complex128 | None = None,
     xyz_m: Float64 | None = None,
-    std_m: float = 0.0003,
-    evidence: float = 1.0,
 ) -> Graph:
     """Return the graph of nodes at ``uv`` (N, 2), their frames turned by ``frames`` (N,)."""
     ends = np.sort(neighbours(uv) if pairs is None else pairs, axis=1)
@@ -133,8 +130,8 @@ def exact_graph(
         pairs=ends,
         length_m=np.abs(along),
         offset_m=along[:, None] / turn[ends],
-        variance_m2=np.full(len(ends), std_m**2),
-        evidence=np.full(len(ends), evidence),
+        variance_m2=np.full(len(ends), 0.0003**2),
+        evidence=np.ones(len(ends)),
         views=np.ones(len(ends), dtype=np.int64),
     )
 
@@ -175,11 +172,10 @@ def places_of(z: Complex128) -> Float64:
     return np.stack([z.real, z.imag], axis=1)
 
 
-def shape_of_view(surface: Surface, pose: Rigid3, flat_uv_m: Callable[[Float64], Float64]) -> Shape:
+def shape_of_view(view: PlacedView, flat_uv_m: Callable[[Float64], Float64]) -> Shape:
     """Return the shape of one view, moved to where ``flat_uv_m`` has the points (N, 3) of its nodes."""
     interval_px = FlatteningConfig().sampling_intervals_px[-1]
-    views = [PlacedView(surface=surface, object_from_camera=pose)]
-    made = shape(views, interval_px, surface.frame.view_index)
+    made = shape([view], interval_px, view.surface.frame.view_index)
     at = made.placed
     motion = fit_rigid2(made.uv_m[at], flat_uv_m(made.nodes.xyz_m[at]))
     return replace(made, all_uv_m=motion.apply(made.all_uv_m))

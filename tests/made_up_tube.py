@@ -15,7 +15,7 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, FlattenedView, Float64, LaidPiece
 from flatcloth.flattening.borders import border_of
 from flatcloth.methods.answers import Seam
-from flatcloth.methods.robust.seams.joining import JoinedSide, Seamed, join_sides, other_of, seams_of
+from flatcloth.methods.robust.seams.joining import JoinedSide, join_sides, other_of, seams_of
 from flatcloth.session.garment import DecidedSeam
 from flatcloth.shape.shape import Shape
 
@@ -101,17 +101,7 @@ def joined(
         ]
         for shape, at, is_other in ((this, this_at, False), (other, other_at, True))
     )
-    return other_of(seamed(this, other, (one, two), ends or bordered((one, two)), decided), laid)
-
-
-def seamed(
-    this: Shape,
-    other: Shape,
-    pieces: Sides[FlattenedView],
-    ends: Sides[Known],
-    decided: Sequence[DecidedSeam] = (),
-) -> Seamed:
-    return join_sides(this, other, pieces, ends, decided)
+    return other_of(join_sides(this, other, (one, two), ends or bordered((one, two)), decided), laid)
 
 
 def seams(found: JoinedSide) -> tuple[Seam, ...]:

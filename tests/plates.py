@@ -32,14 +32,13 @@ def plate(
     still_box: bool = False,
     gripper: bool = False,
     beside_m: float | None = None,
-    seed: int = 0,
 ) -> list[View]:
     """Views of the plate.
 
     ``still_box`` stands beside it and does not turn; ``gripper`` is a bar above it; ``beside_m`` puts
     another such plate, which does not turn, so far to the right.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     views = []
     for n, angle in enumerate(angles_deg):
         depth, side = _faces(angle)

@@ -5,12 +5,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import Bool, FlattenedView, Float64, Intrinsics, RgbdFrame, Rigid2, RotationAxis
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.answers import Alignment
 from flatcloth.methods.paper.alignment import align_from, correspond, from_lines
 from flatcloth.methods.paper.matching import Matcher
+from flatcloth.shape.observations import PlacedView
 
 CAMERA = Intrinsics(width=240, height=240, fx=425.0, fy=425.0, cx=119.5, cy=119.5)
 AXIS = RotationAxis(point_m=np.array([0.0, 0.0, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
@@ -114,6 +116,12 @@ class Cylinder:
         offset = xyz_held_m - AXIS.point_m
         arc = np.arctan2(offset[..., 0], -offset[..., 2]) * self.radius_m
         return np.stack([arc, offset[..., 1]], axis=-1)
+
+
+def placed_view(shown: RgbdFrame) -> PlacedView:
+    """Return the surface of a frame, and how the camera stood at its angle."""
+    surface = observe_surface(shown, AXIS, SurfaceConfig())
+    return PlacedView(surface=surface, object_from_camera=object_from_camera(AXIS, shown.angle_deg))
 
 
 def flattened(shown: RgbdFrame, config: FlatteningConfig = FLATTENING, **options: float) -> Flattening:

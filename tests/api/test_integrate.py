@@ -63,15 +63,6 @@ def test_a_shape_tells_what_was_decided_and_how_long_it_took(shape: flatcloth.Sh
     assert str(shape).startswith("cylinder: 3 views integrated (0, 1, 2), ")
 
 
-def test_the_grasp_of_a_pixel_lies_on_its_point(shape: flatcloth.Shape) -> None:
-    row, col = np.argwhere(shape.valid)[len(np.argwhere(shape.valid)) // 2]
-    pose = shape.grasp(row, col, opening_m=0.06)
-    assert np.allclose(pose.object_from_grasp.translation_m, shape.xyz_m[row, col])
-    assert pose.opening_m == 0.06
-    into_cloth = pose.object_from_grasp.rotation[:, 2]
-    assert np.allclose(into_cloth, -shape.normal[row, col], atol=1e-5)
-
-
 def test_points_and_grasps_of_a_garment_lie_on_its_cloth(shape: flatcloth.Shape) -> None:
     garment = shape.garment()
     assert 0.0 <= garment.probability <= 1.0

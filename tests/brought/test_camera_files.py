@@ -59,9 +59,7 @@ def check_depth(depths: list[Any], small_views: Any, model: str, lens: str) -> N
 
 
 @pytest.mark.parametrize("file", WORDS["read"])
-def test_the_lens_that_a_file_describes_is_corrected(
-    plain_folder: Any, imported: Any, small_views: Any, file: str
-) -> None:
+def test_the_lens_that_a_file_describes_is_corrected(plain_folder, imported, small_views, file):
     model, lens = WORDS["read"][file]
     given = ("--step", "10", "--camera-file", str(CAMERAS / file))
     header, depths, said = imported(plain_folder(), *given)
@@ -74,14 +72,14 @@ def test_the_lens_that_a_file_describes_is_corrected(
 
 
 @pytest.mark.parametrize("name", ["ost.yaml", "camera_info.yaml", "calibration.yml", "intrinsics.yaml"])
-def test_a_file_of_the_folder_is_found(plain_folder: Any, imported: Any, small_views: Any, name: str) -> None:
+def test_a_file_of_the_folder_is_found(plain_folder, imported, small_views, name):
     folder = plain_folder((CAMERAS / "ros_message.yaml").read_text(), file=name)
     check_depth(imported(folder)[1], small_views, "opencv", "brown")
 
 
 def test_a_recording_names_its_model_and_what_is_not_understood(
-    plain_folder: Any, imported: Any, small_views: Any, tmp_path: Path
-) -> None:
+    plain_folder, imported, small_views, tmp_path
+):
     header = imported(plain_folder())[0]
     numbers = WORDS["lenses"]["rational"]
     header["intrinsics"] |= {"distortion_model": "rational", "distortion": numbers, "dist_coeffs": [1]}
@@ -95,41 +93,33 @@ def test_a_recording_names_its_model_and_what_is_not_understood(
 
 
 @pytest.mark.parametrize(("more", "words"), WORDS["named"])
-def test_what_is_not_used_is_named(plain_folder: Any, imported: Any, more: Any, words: str) -> None:
+def test_what_is_not_used_is_named(plain_folder, imported, more, words):
     said = imported(plain_folder(more))[2]
     assert "intrinsic.json: " in said
     assert words in said
 
 
 @pytest.mark.parametrize(("more", "units_per_m"), WORDS["units_per_m"])
-def test_units_of_depth_are_per_metre_or_metres(
-    plain_folder: Any, imported: Any, small_views: Any, more: Any, units_per_m: int
-) -> None:
+def test_units_of_depth_are_per_metre_or_metres(plain_folder, imported, small_views, more, units_per_m):
     depth_m = imported(plain_folder(more))[1][0]
     np.testing.assert_allclose(depth_m, small_views[1][0][1] / units_per_m, atol=6e-5)
 
 
 @pytest.mark.parametrize(("more", "words"), WORDS["refused"])
-def test_what_contradicts_or_is_impossible_is_one_line(
-    plain_folder: Any, refused: Any, more: Any, words: str
-) -> None:
+def test_what_contradicts_or_is_impossible_is_one_line(plain_folder, refused, more, words):
     said = refused("check", str(plain_folder(more)), "--step", "10")
     assert "intrinsic.json: " in said
     assert words in said
 
 
 @pytest.mark.parametrize(("file", "text", "words"), WORDS["kinds"])
-def test_a_file_of_another_kind_is_one_line(
-    plain_folder: Any, refused: Any, file: str, text: str, words: str
-) -> None:
+def test_a_file_of_another_kind_is_one_line(plain_folder, refused, file, text, words):
     folder = plain_folder(text, file=file)
     said = refused("check", str(folder), "--step", "10", "--camera-file", str(folder / file))
     assert f"{file}: {words}" in said
 
 
-def test_of_two_camera_files_the_one_that_is_not_used_is_named(
-    plain_folder: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_of_two_camera_files_the_one_that_is_not_used_is_named(plain_folder, capsys):
     folder = plain_folder()
     (folder / "camera.yaml").write_text("fx: 1\n")
     main(["check", str(folder), "--step", "10"])

@@ -110,7 +110,7 @@ WAYS = {
 
 
 @pytest.mark.parametrize(("address", "proxy"), WAYS.values(), ids=WAYS)
-def test_the_page_is_there_behind_a_proxy(view: View, address: str, proxy: Proxy) -> None:
+def test_the_page_is_there_behind_a_proxy(view, address, proxy):
     server = view("--public-url", address)
     below = address.rstrip("/") + "/"
     assert server.url == f"{below}?token={server.token}"
@@ -159,9 +159,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("public", "proxy", "headers", "words"), REFUSED.values(), ids=REFUSED)
-def test_what_was_not_declared_is_refused_in_words(
-    view: View, public: list[str], proxy: Proxy, headers: dict[str, str], words: str
-) -> None:
+def test_what_was_not_declared_is_refused_in_words(view, public, proxy, headers, words):
     server = view(*(["--public-url", *public] if public else []))
     with proxied(proxy, server.port) as port:
         browser = Browser(f"http://{LAB}/", port)
@@ -170,17 +168,13 @@ def test_what_was_not_declared_is_refused_in_words(
     assert words in answer.text
 
 
-def test_a_folder_for_temporary_files_that_cannot_be_written_is_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_for_temporary_files_that_cannot_be_written_is_one_line(monkeypatch, capsys):
     monkeypatch.setattr("flatcloth.commands.view.opened_place", cylinder)
     monkeypatch.setattr(tempfile, "tempdir", "/proc/none")
     assert main(["view", SAMPLE, "--port", "0"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.endswith("Set TMPDIR to a writable one.")
 
-
-# --- a cache that cannot be written ---------------------------------------------------------------
 
 KERNEL = """
 import resource
@@ -215,9 +209,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize(("environment", "cause"), PLACES.values(), ids=PLACES)
-def test_without_a_cache_code_is_compiled_each_time_and_one_line_says_so(
-    tmp_path: Path, environment: dict[str, str], cause: str
-) -> None:
+def test_without_a_cache_code_is_compiled_each_time_and_one_line_says_so(tmp_path, environment, cause):
     printed, said = compiled(tmp_path, **environment)
     assert printed == "42 True"
     (line,) = said.splitlines()
@@ -225,7 +217,7 @@ def test_without_a_cache_code_is_compiled_each_time_and_one_line_says_so(
     assert "Set NUMBA_CACHE_DIR to a folder that can be written." in line
 
 
-def test_a_cache_that_is_full_or_damaged_is_done_without(tmp_path: Path) -> None:
+def test_a_cache_that_is_full_or_damaged_is_done_without(tmp_path):
     cache = tmp_path / "cache"
     where = {"HOME": "/proc/none", "NUMBA_CACHE_DIR": str(cache)}
     printed, said = compiled(tmp_path, full=True, **where)

@@ -9,7 +9,6 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from reverse_proxy import Proxy, proxied
 
 from benchmarks.browser import CHROMIUM
-from flatcloth.viewer.server.app import PageServer
 
 pytestmark = pytest.mark.browser
 
@@ -56,9 +55,7 @@ WITHOUT = {
 @pytest.mark.parametrize(
     ("behaviour", "width"), [*zip(WITHOUT.values(), (1280, 390), strict=True)], ids=WITHOUT
 )
-def test_without_webgl_a_line_says_so_and_the_flat_part_works(
-    server: PageServer, look: Look, behaviour: str, width: int
-) -> None:
+def test_without_webgl_a_line_says_so_and_the_flat_part_works(server, look, behaviour, width):
     def steps(browser: Browser) -> tuple[str, list[str]]:
         errors: list[str] = []
         with browser.new_page(viewport={"width": width, "height": 720}) as page:
@@ -78,7 +75,7 @@ def test_without_webgl_a_line_says_so_and_the_flat_part_works(
     assert errors == []
 
 
-def test_lost_graphics_are_told_until_they_are_back(server: PageServer, look: Look) -> None:
+def test_lost_graphics_are_told_until_they_are_back(server, look):
     def steps(browser: Browser) -> tuple[str, bool]:
         with browser.new_page() as page:
             page.add_init_script(FAKE % "return { getExtension: () => null };")
@@ -107,9 +104,7 @@ BEHIND = {
 
 
 @pytest.mark.parametrize(("proxy", "host", "element", "words"), BEHIND.values(), ids=BEHIND)
-def test_a_page_that_a_proxy_keeps_from_working_says_why(
-    server: PageServer, look: Look, proxy: Proxy, host: str, element: str, words: str
-) -> None:
+def test_a_page_that_a_proxy_keeps_from_working_says_why(server, look, proxy, host, element, words):
     with proxied(proxy, server.port) as port:
 
         def steps(browser: Browser) -> str:
@@ -120,7 +115,7 @@ def test_a_page_that_a_proxy_keeps_from_working_says_why(
         assert look(steps)
 
 
-def test_below_a_sub_path_nothing_is_asked_for_above_it(server: PageServer, look: Look) -> None:
+def test_below_a_sub_path_nothing_is_asked_for_above_it(server, look):
     def steps(browser: Browser) -> list[str]:
         asked: list[str] = []
         with browser.new_page() as page:

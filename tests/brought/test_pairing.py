@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -51,20 +50,20 @@ def paired(color: list[tuple[str, int]], depth: list[tuple[str, int]]) -> tuple[
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_each_stream_lost_a_frame(name: str) -> None:
+def test_each_stream_lost_a_frame(name):
     color, depth = NAMES[name]
     pairs, said = paired([(color(n), n) for n in FEW if n != 2], [(depth(n), n) for n in FEW if n != 4])
     assert pairs == [(n, n) for n in FEW if n not in (2, 4)]
     assert f"left out: color/{color(4)}.png, depth/{depth(2)}.png." in said
 
 
-def test_streams_of_different_rates_pair_at_the_common_times() -> None:
+def test_streams_of_different_rates_pair_at_the_common_times():
     color = [(f"{n / 30 + 5:.3f}", n // 3) for n in range(3 * len(FEW))]
     assert paired(color, [(f"{n / 10 + 5.004:.3f}", n) for n in FEW])[0] == [(n, n) for n in FEW]
 
 
 @pytest.mark.parametrize("again", ["00003 (1)", "3"])
-def test_a_duplicate_is_left_out_and_named(again: str) -> None:
+def test_a_duplicate_is_left_out_and_named(again):
     pairs, said = paired([*((_plain(n), n) for n in FEW), (again, 3)], [(_plain(n), n) for n in FEW])
     assert pairs == [(n, n) for n in FEW]
     assert f"left out: color/{again}.png." in said
@@ -79,19 +78,19 @@ def test_a_duplicate_is_left_out_and_named(again: str) -> None:
         (list("abcdefgh"), list("stuvwxy"), "has 8 images, but depth has 7, with other names"),
     ],
 )
-def test_names_that_do_not_tell_are_refused(color: list[str], depth: list[str], cause: str) -> None:
+def test_names_that_do_not_tell_are_refused(color, depth, cause):
     with pytest.raises(RecordingError, match=f"^color.*{cause}.*the same name") as caught:
         paired(*([(name, n) for n, name in enumerate(names)] for names in (color, depth)))
     assert "\n" not in str(caught.value)
 
 
-def test_steps_count_the_frames_that_both_streams_lost(take: Any) -> None:
+def test_steps_count_the_frames_that_both_streams_lost(take):
     named = [(str(n), n) for n in FEW if n != 5]
     assert open_recording(take(named, named), step_deg=10).angles_deg == tuple(10.0 * n for _, n in named)
 
 
 @pytest.mark.parametrize("mask", ["{:05d}", "mask{}"])
-def test_masks_pair_by_name_and_a_view_without_one_is_left_out(mask: str, take: Any, half_views: Any) -> None:
+def test_masks_pair_by_name_and_a_view_without_one_is_left_out(mask, take, half_views):
     named = [(_plain(n), n) for n in FEW]
     kept = [n for n in FEW if n != 3]
     recording = open_recording(take(named, named, [(mask.format(n), n) for n in kept]), step_deg=10)
@@ -128,9 +127,7 @@ def shown() -> list[Shown]:
     ],
     ids=["three views", "backwards", "names that say nothing", "a frame twice"],
 )
-def test_what_names_do_not_tell_the_images_do(
-    color: list[int], depth: list[int], text: str, shown: list[Shown]
-) -> None:
+def test_what_names_do_not_tell_the_images_do(color, depth, text, shown):
     seen = [(shown[theirs][0], shown[own][1]) for own, theirs in zip(color, depth, strict=True)]
     (found,) = pairing_findings(*odds_of(seen), range(len(seen)), len(seen))
     assert text in found.text
@@ -140,9 +137,7 @@ def test_what_names_do_not_tell_the_images_do(
     assert all(depth_of[n] == own for n, own in enumerate(color) if n not in mends.leave_out)
 
 
-def test_a_shift_of_the_images_is_mended_and_the_turntable_is_not_blamed(
-    take: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_shift_of_the_images_is_mended_and_the_turntable_is_not_blamed(take, capsys):
     named = [[(chr(0x61 + n // 26) + chr(0x61 + n % 26), view) for n, view in enumerate(views)]
              for views in (ALL, TWICE)]  # fmt: skip
     folder = take(*named)

@@ -19,22 +19,20 @@ WORDS = yaml.safe_load(Path(__file__).with_name("words.yaml").read_text(encoding
 
 
 @pytest.mark.parametrize(("text", "angles_deg"), WORDS["tables"])
-def test_a_table_of_another_country_is_read(
-    plain_folder: Any, imported: Any, tmp_path: Path, text: str, angles_deg: list[float]
-) -> None:
+def test_a_table_of_another_country_is_read(plain_folder, imported, tmp_path, text, angles_deg):
     (tmp_path / "turns.csv").write_text(text)
     header = imported(plain_folder(), "--angles", str(tmp_path / "turns.csv"))[0]
     assert [view["angle_deg"] for view in header["views"]] == angles_deg
 
 
-def test_columns_that_are_not_understood_are_named(plain_folder: Any, imported: Any) -> None:
+def test_columns_that_are_not_understood_are_named(plain_folder, imported):
     folder = plain_folder()
     (folder / "angles.csv").write_text("view,angle_deg,tilt_deg,Height\n0,0,5,1\n1,10,5,1\n2,20,5,1\n")
     said = imported(folder, "--format", "color_and_depth")[2]
     assert "angles.csv: not understood, and not used: tilt_deg, Height." in said
 
 
-def test_commas_that_may_be_decimal_or_not_are_told(plain_folder: Any, refused: Any) -> None:
+def test_commas_that_may_be_decimal_or_not_are_told(plain_folder, refused):
     folder = plain_folder()
     (folder / "angles.csv").write_text("0,0\n10,5\n21,0\n")
     assert "separate the columns by semicolons" in refused("check", str(folder))
@@ -45,9 +43,7 @@ CLOCKS = {"s": "{}.{:03d}", "ms": "{}{:03d}", "us": "{}{:03d}000", "ns": "{}{:03
 
 @pytest.mark.parametrize("lists", ["associations.txt", "rgb.txt"])
 @pytest.mark.parametrize("clock", CLOCKS.values(), ids=CLOCKS)
-def test_times_in_any_unit_pair_and_find_views(
-    plain_folder: Any, imported: Any, small_views: Any, tmp_path: Path, clock: str, lists: str
-) -> None:
+def test_times_in_any_unit_pair_and_find_views(plain_folder, imported, small_views, tmp_path, clock, lists):
     folder = plain_folder({"depth_scale": 1000}, file="camera.json")
     color, depth = (
         [f"{clock.format(1305031100 + n, ms)} {kind}/{n:03d}.png" for n in range(3)]
@@ -65,7 +61,7 @@ def test_times_in_any_unit_pair_and_find_views(
     assert "read as seconds" not in said
 
 
-def test_whole_numbers_far_apart_are_doubted(plain_folder: Any, imported: Any) -> None:
+def test_whole_numbers_far_apart_are_doubted(plain_folder, imported):
     folder = plain_folder({"depth_scale": 1000}, file="camera.json")
     lines = [f"{33 * n} color/{n:03d}.png {33 * n} depth/{n:03d}.png" for n in range(3)]
     (folder / "associations.txt").write_text("\n".join(lines))
@@ -82,9 +78,7 @@ ARRAYS: dict[str, Callable[[Any], Any]] = {
 
 
 @pytest.mark.parametrize("stored", ARRAYS.values(), ids=ARRAYS)
-def test_an_array_in_any_order_is_read(
-    plain_folder: Any, imported: Any, small_views: Any, stored: Callable[[Any], Any]
-) -> None:
+def test_an_array_in_any_order_is_read(plain_folder, imported, small_views, stored):
     folder = plain_folder()
     for n, (_, depth) in enumerate(small_views[1]):
         (folder / f"depth/{n:03d}.png").unlink()
@@ -93,7 +87,7 @@ def test_an_array_in_any_order_is_read(
         np.testing.assert_allclose(depth_m, depth * 0.001, atol=1e-4)
 
 
-def test_an_orientation_that_is_not_followed_is_named(plain_folder: Any, imported: Any) -> None:
+def test_an_orientation_that_is_not_followed_is_named(plain_folder, imported):
     from PIL import Image
 
     folder = plain_folder()
@@ -106,18 +100,14 @@ def test_an_orientation_that_is_not_followed_is_named(plain_folder: Any, importe
 
 
 @pytest.mark.parametrize("names", WORDS["digits"])
-def test_digits_of_all_scripts_count(
-    plain_folder: Any, imported: Any, small_views: Any, names: list[str]
-) -> None:
+def test_digits_of_all_scripts_count(plain_folder, imported, small_views, names):
     depths = imported(plain_folder(name=names.__getitem__))[1]
     for depth_m, (_, depth) in zip(depths, small_views[1], strict=True):
         np.testing.assert_allclose(depth_m, depth * 0.001, atol=1e-4)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "koi8-r", "utf-8"])
-def test_a_stream_that_lacks_a_character_gets_an_escape(
-    plain_folder: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, encoding: str
-) -> None:
+def test_a_stream_that_lacks_a_character_gets_an_escape(plain_folder, tmp_path, monkeypatch, encoding):
     folder = plain_folder(folder="Hemd №1 シャツ")
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding, write_through=True) for _ in range(2))
     monkeypatch.setattr(sys, "stdout", out)
@@ -132,9 +122,7 @@ def test_a_stream_that_lacks_a_character_gets_an_escape(
 
 
 @pytest.mark.parametrize("option", ["", "--out", "--log-file", "--angles", "--camera-file"])
-def test_a_name_that_is_not_text_is_one_line_before_any_work(
-    plain_folder: Any, refused: Any, tmp_path: Path, option: str
-) -> None:
+def test_a_name_that_is_not_text_is_one_line_before_any_work(plain_folder, refused, tmp_path, option):
     source = str(plain_folder(folder="take" if option else "take\udcff"))
     given = ["--step", "10", "--out", str(tmp_path / "out")]
     more = [option, str(tmp_path / "o\udcff")] if option else []
@@ -146,24 +134,22 @@ def test_a_name_that_is_not_text_is_one_line_before_any_work(
 @pytest.mark.parametrize(
     "name", ["take\n1", "take\x1b[31m", "take\u00a01", "take\u30001", "tak\u0301e", "ta\u200dke"]
 )
-def test_a_folder_of_any_name_is_read(plain_folder: Any, imported: Any, name: str) -> None:
+def test_a_folder_of_any_name_is_read(plain_folder, imported, name):
     said = imported(plain_folder({"unknown": 1}, folder=name))[2]
     assert all(character.isprintable() or character in "\n\u00a0\u3000" for character in said)
     assert "intrinsic.json: not understood" in said
 
 
 @pytest.mark.parametrize("name", ["a\n", "\x07", "\udcfe"])
-def test_an_image_whose_name_cannot_be_printed_is_one_line(
-    plain_folder: Any, refused: Any, name: str
-) -> None:
+def test_an_image_whose_name_cannot_be_printed_is_one_line(plain_folder, refused, name):
     said = refused("check", str(plain_folder(name=lambda n: f"{name}{n}")), "--step", "10")
     assert "Use printable characters only." in said
 
 
 @pytest.mark.parametrize("name", ["out\n1", "out\x1b[2J"])
 def test_nothing_is_lost_where_a_result_has_a_name_that_cannot_be_printed(
-    plain_folder: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+    plain_folder, tmp_path, capsys, name
+):
     out = tmp_path / name
     log = tmp_path / f"{name}.log"
     given = ["import", str(plain_folder()), "--step", "10", "--out", str(out), "--log-file", str(log)]

@@ -37,7 +37,7 @@ def _checked(folder: Path, angles: list[float], capsys: pytest.CaptureFixture[st
         (0.125, DEPTHS, "1/8000 m"),
     ],
 )
-def test_a_unit_is_named_where_an_estimate_allows_it(factor: float, known: Any, name: str) -> None:
+def test_a_unit_is_named_where_an_estimate_allows_it(factor, known, name):
     likeliest = allowed(1.003 * factor, 0.003, known)[0]
     assert name in likeliest.name
     assert bool(name) == bool(likeliest.name)
@@ -48,9 +48,7 @@ def test_a_unit_is_named_where_an_estimate_allows_it(factor: float, known: Any, 
     ("degrees_a_unit", "name"),
     [(-math.degrees(1.0), "radians"), (0.37, "")],
 )
-def test_a_unit_of_angles_is_found_with_its_factor(
-    degrees_a_unit: float, name: str, take: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_unit_of_angles_is_found_with_its_factor(degrees_a_unit, name, take, capsys):
     folder = take(VIEWS, VIEWS)
     angles = [10.0 * n / degrees_a_unit for n in range(36)]
     check = _checked(folder, [float(f"{a:.5g}") for a in angles], capsys)
@@ -65,32 +63,30 @@ def test_a_unit_of_angles_is_found_with_its_factor(
     assert again["pairs"] >= 34
 
 
-def test_an_encoder_that_passes_zero_is_found(take: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_encoder_that_passes_zero_is_found(take, capsys):
     check = _checked(take(VIEWS, VIEWS), [(700 + round(n * 1024 / 36)) % 1024 for n in range(36)], capsys)
     assert check["findings"][0]["mends"][0]["angle_factor"] == pytest.approx(360 / 1024)
 
 
-def test_views_too_near_to_judge_are_not_called_right(take: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    same = [(f"{n:05d}", 0) for n in range(12)]
-    folder = take(same, same)
-    assert main(["check", str(folder), "--step", "0.1"]) == 0
-    said = capsys.readouterr().out
-    assert "Nothing is wrong" not in said
-    assert "cannot be judged: its views are recorded 0.1 degrees apart, too near" in said
-
-
-def test_views_too_far_apart_are_not_called_right(take: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    far = VIEWS[::6]
-    assert main(["check", str(take(far, far)), "--step", "60"]) == 0
+@pytest.mark.parametrize(
+    ("views", "step", "text"),
+    [
+        ([(f"{n:05d}", 0) for n in range(12)], "0.1", "its views are recorded 0.1 degrees apart, too near"),
+        (VIEWS[::6], "60", "cannot be judged"),
+    ],
+    ids=["too near", "too far apart"],
+)
+def test_views_that_cannot_be_judged_are_not_called_right(views, step, text, take, capsys):
+    assert main(["check", str(take(views, views)), "--step", step]) == 0
     said = capsys.readouterr().out
     assert "cannot be judged" in said
+    assert text in said
+    assert "Nothing is wrong" not in said
     assert "--angle-factor" not in said
 
 
 @pytest.mark.parametrize(("units_a_mm", "name"), [(0.1, "centimetres"), (5.0, "1/5000 m")])
-def test_a_unit_of_depth_is_among_the_names(
-    units_a_mm: float, name: str, take: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_unit_of_depth_is_among_the_names(units_a_mm, name, take, capsys):
     check = _checked(take(VIEWS, VIEWS, unit=units_a_mm), [10.0 * n for n in range(36)], capsys)
     found = check["findings"][0]
     assert found["name"] == "unit"

@@ -41,15 +41,6 @@ def test_a_file_plays_in_the_place_of_a_camera(file: Path) -> None:
         camera.read()
 
 
-def test_every_frame_comes_if_nobody_waits_for_the_clock(file: Path) -> None:
-    camera = PlaybackCamera(file, real_time=False)
-    for _ in range(15):
-        camera.read()
-    with pytest.raises(CameraEndedError, match=r"still\.db3: has been played to its end"):
-        camera.read()
-    camera.close()
-
-
 def test_a_frame_is_filtered_while_it_is_measured(file: Path) -> None:
     true, _ = Cylinder(angles_deg=(0.0,)).surface(0)
     inner = np.isfinite(true) & (np.abs(np.arange(WIDTH) - 120) < 40)[None, :]
@@ -72,9 +63,6 @@ def test_a_slow_reader_misses_frames_instead_of_lagging_behind(file: Path) -> No
     time.sleep(0.4)
     assert camera.read().time_s - first.time_s > 0.3
     camera.close()
-
-
-# --- the real one ----------------------------------------------------------------------------------
 
 
 class FakeDevice:
@@ -152,9 +140,6 @@ def test_a_camera_that_another_program_uses_is_told(monkeypatch: pytest.MonkeyPa
     library_with(monkeypatch, [FakeDevice("1", "3.2")], broken)
     with pytest.raises(CameraError, match=r"D435 1: cannot be started .*Close other programs"):
         RealsenseCamera()
-
-
-# --- what is wrong with a view ---------------------------------------------------------------------
 
 
 def board(half_px: tuple[int, int], depth_m: float, center: tuple[int, int] = (120, 120)) -> RgbdFrame:

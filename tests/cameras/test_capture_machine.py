@@ -146,9 +146,6 @@ def test_no_order_of_events_takes_moving_frames_or_repeats_an_angle(events: list
         assert len(set(rounded)) == len(rounded)
 
 
-# --- with a folder ---------------------------------------------------------------------------------
-
-
 class StillCamera:
     """Only what the guided capture asks of a camera; it is told when to filter."""
 

@@ -49,9 +49,7 @@ def led(file: Path, out: Path, answer: Callable[[GuidedCapture], str | None]) ->
 
 
 @pytest.mark.usefixtures("at_once")
-def test_each_stop_of_a_turned_item_becomes_a_view(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_stop_of_a_turned_item_becomes_a_view(file, tmp_path, capsys):
     out = tmp_path / "coat"
     assert main(["record", "--out", str(out), "--camera", str(file), "--yes"]) == 0
     said = capsys.readouterr().out
@@ -80,9 +78,7 @@ def test_each_stop_of_a_turned_item_becomes_a_view(
 
 
 @pytest.mark.usefixtures("at_once")
-def test_a_capture_is_gone_on_with_only_when_asked(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_capture_is_gone_on_with_only_when_asked(file, tmp_path, capsys):
     out = tmp_path / "coat"
     given = ["--camera", str(file), "--yes", "--step", "-20", "--frames", "8"]
     arguments = ["record", "--out", str(out), *given]
@@ -98,9 +94,7 @@ def test_a_capture_is_gone_on_with_only_when_asked(
     assert told == {"folder": str(out), "angles_deg": list(open_recording(out).angles_deg)}
 
 
-def test_the_operator_keeps_repeats_corrects_and_ends(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_operator_keeps_repeats_corrects_and_ends(file, tmp_path, capsys):
     typed: list[str] = []
 
     def answer(guided: GuidedCapture) -> str | None:
@@ -126,9 +120,7 @@ def test_the_operator_keeps_repeats_corrects_and_ends(
     assert open_recording(tmp_path / "out").angles_deg == (0.0, 12.5)
 
 
-def test_without_a_terminal_it_must_be_told_to_keep_everything(
-    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_terminal_it_must_be_told_to_keep_everything(file, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     assert main(["record", "--out", str(tmp_path / "out"), "--camera", str(file)]) == 2
     assert "--yes" in capsys.readouterr().err
@@ -139,9 +131,7 @@ def test_without_a_terminal_it_must_be_told_to_keep_everything(
 
 
 @pytest.mark.usefixtures("at_once")
-def test_ctrl_c_leaves_what_was_kept(
-    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ctrl_c_leaves_what_was_kept(file, tmp_path, monkeypatch, capsys):
     keep = GuidedCapture.keep
 
     def interrupted(self: GuidedCapture) -> None:
@@ -155,7 +145,7 @@ def test_ctrl_c_leaves_what_was_kept(
     assert len(open_recording(out)) == 1
 
 
-def test_what_is_typed_is_read_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_typed_is_read_without_waiting(monkeypatch):
     import os
 
     reading, writing = os.pipe()

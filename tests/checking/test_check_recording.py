@@ -19,10 +19,14 @@ RIGHT = "shirt-corner-d435"
 
 @pytest.fixture(scope="module")
 def right():
-    """The recording with its images in memory, which are read for each check."""
+    """The recording with every second row and column in memory: each check takes a quarter of the time."""
     recording = open_recording(RIGHT)
-    frames = [recording[n] for n in range(len(recording))]
-    return altered(recording, read=lambda n: ViewImages(frames[n].color, frames[n].depth_m, frames[n].mask))
+    k, frames = recording.intrinsics, [recording[n] for n in range(len(recording))]
+    images = [ViewImages(*(each[::2, ::2] for each in (f.color, f.depth_m, f.mask))) for f in frames]
+    height, width = images[0].depth_m.shape
+    focal = {name: getattr(k, name) / 2 for name in ("fx", "fy", "cx", "cy")}
+    small = dataclasses.replace(k, width=width, height=height, **focal)
+    return altered(recording, intrinsics=small, read=images.__getitem__)
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +58,7 @@ def test_nothing_is_wrong_with_a_right_recording(name):
 def test_nothing_is_wrong_where_only_the_sensor_is_noisier(name, noise_px):
     # Noise that partly stays where it is in the image lets turns between neighbours look shorter.
     recording = open_recording(name)
+    recording = altered(recording, angles_deg=recording.angles_deg[:18])
     shape = recording[0].depth_m.shape
 
     def field(seed):
@@ -79,7 +84,7 @@ def test_nothing_is_wrong_where_only_the_sensor_is_noisier(name, noise_px):
         (Mends(reverse=True, angle_factor=0.5), "sense"),
         (Mends(rotate=90), "rotated"),
         (Mends(depth_factor=0.1), "unit"),
-        (Mends(color_shift=(15.0, 0.0)), "color"),
+        (Mends(color_shift=(8.0, 0.0)), "color"),
         (Mends(color_scale=1.15), "color"),
         (Mends(focal_factor=1.3), "focal"),
         (Mends(view_angles=((4, 110.0), (11, 40.0))), "views"),
@@ -122,8 +127,8 @@ def test_an_item_that_does_not_turn_is_named_and_nothing_mends_it(half):
 
 
 def test_a_recording_of_one_view_has_nothing_to_be_compared(right):
-    alone = altered(right, angles_deg=right.angles_deg[:1])
-    assert check_recording(alone).unjudged == "fewer than two views show a surface of the item"
+    check = check_recording(altered(right, angles_deg=right.angles_deg[:1]))
+    assert (check.unjudged, check.findings) == ("fewer than two views show a surface of the item", ())
 
 
 @pytest.mark.parametrize("views", [5, 6, 9])
@@ -142,7 +147,7 @@ def test_inverted_masks_are_inverted_again(half):
 
 
 def test_masks_beside_the_item_are_not_to_be_used(half):
-    wrong = _with(half, lambda frame: ViewImages(frame.color, frame.depth_m, np.roll(frame.mask, 120, 1)))
+    wrong = _with(half, lambda frame: ViewImages(frame.color, frame.depth_m, np.roll(frame.mask, 60, 1)))
     found = check_recording(wrong).findings[0]
     assert found.name == "masks"
     assert found.mends == (Mends(without_masks=True),)
@@ -156,12 +161,12 @@ def test_an_axis_beside_the_item_is_to_be_estimated(half):
     assert found.mends == (Mends(estimate_axis=True),)
 
 
-def test_what_makes_results_worse_only_is_told_and_does_not_stop(right):
+def test_what_makes_results_worse_only_is_told_and_does_not_stop(right, half):
     def exposed(frame):
         color = np.clip(frame.color * (0.4 if frame.view_index == 9 else 1.0), 0, 255).astype(np.uint8)
         return ViewImages(color, frame.depth_m, frame.mask)
 
-    check = check_recording(_with(right, exposed))
+    check = check_recording(_with(half, exposed))
     assert [found.name for found in check.findings] == ["exposure"]
     assert check.certain == ()
     few = mended(right, Mends(leave_out=tuple(n for n in range(36) if n % 6)))
@@ -187,9 +192,6 @@ def test_a_slipped_turntable_is_told_from_a_single_view_and_the_end_of_a_turn_te
     assert np.abs(turned).max() < 1.5
 
 
-ONE_VIEW = Mends(leave_out=tuple(range(1, 36)))
-
-
-@pytest.mark.parametrize("change", [ONE_VIEW, Mends(angle_factor=0.96), Mends(angle_factor=1.04)])
-def test_a_single_view_and_steps_that_are_a_little_longer_are_no_mistake(right, change):
-    assert check_recording(mended(right, change)).findings == ()
+@pytest.mark.parametrize("factor", [0.96, 1.04])
+def test_steps_that_are_a_little_longer_are_no_mistake(half, factor):
+    assert check_recording(mended(half, Mends(angle_factor=factor))).findings == ()

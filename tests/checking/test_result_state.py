@@ -202,18 +202,6 @@ def test_a_finished_run_says_that_it_may_be_none_of_the_kinds(monkeypatch):
     assert "nothing is called reliable" in lines_of(service.of(Document(finished="All views.")))[1]
 
 
-def test_no_garment_is_tried_on_an_unattended_result_that_is_wrong(monkeypatch):
-    integration = SimpleNamespace(
-        is_unattended=True,
-        laid_out=lambda _: SimpleNamespace(),
-        wrong=lambda _: ["88% of the cloth floats"],
-    )
-    service = GarmentService(integration)
-    monkeypatch.setattr(service, "_recognised", lambda *_: pytest.fail("a garment is fitted"))
-    with pytest.raises(GarmentError, match="No garment is recognised"):
-        service.of(Document())
-
-
 def test_a_result_of_a_wrong_recording_calls_nothing_reliable():
     two_of_three = tuple(n for n in range(36) if n % 3)
     wrong = mended(open_recording(RIGHT), Mends(reverse=True, leave_out=two_of_three))

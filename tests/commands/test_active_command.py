@@ -1,9 +1,7 @@
 """The command ``active``: exit codes, what it prints, and that it goes on."""
 
 import json
-from pathlib import Path
 
-import pytest
 from garment_meshes import arc, write_obj
 
 from flatcloth.cli import main
@@ -11,9 +9,7 @@ from flatcloth.commands.view import Options, opened_place
 from flatcloth.viewer.places import Places
 
 
-def test_a_goal_that_the_budget_does_not_reach_ends_with_1_and_its_reason(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_goal_that_the_budget_does_not_reach_ends_with_1_and_its_reason(tmp_path, capsys):
     out, sheet = tmp_path / "out", write_obj(tmp_path / "sheet.obj", *arc(200, columns=48))
     command = ["active", "--cell", str(sheet), "--out", str(out), "--sensor", "none", "--goal", "kind"]
     command += ["--panel", "1", "--budget"]
@@ -36,8 +32,8 @@ def test_a_goal_that_the_budget_does_not_reach_ends_with_1_and_its_reason(
 
 
 def test_the_start_screen_opens_the_bundled_cell_with_its_first_view_in_the_users_sessions(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, monkeypatch
+):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr("flatcloth.engine.warmup.compile_beside", lambda: None)
     opened = opened_place(Options(), Places().chosen("cell", ""))

@@ -27,9 +27,7 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return few_views(SAMPLE.name, 4, tmp_path_factory.mktemp("sample") / SAMPLE.name)
 
 
-def test_run_integrates_resumes_and_evaluate_agrees(
-    sample: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_run_integrates_resumes_and_evaluate_agrees(sample, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["run", str(sample), "--sides", "one", "--out", str(out)]) == 0
     view = read_shape(out / "flattened.npz")
@@ -62,9 +60,7 @@ def test_run_integrates_resumes_and_evaluate_agrees(
     assert "shirt-sleeve-clean" in capsys.readouterr().out
 
 
-def test_a_run_is_told_as_json_or_with_a_line_a_view(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_is_told_as_json_or_with_a_line_a_view(tmp_path, capsys):
     recording, out = str(write_cylinder(tmp_path / "cylinder")), str(tmp_path / "out")
     command = ["run", recording, "--out", out, "--method", "paper"]
     assert main([*command, "--json"]) == 0
@@ -118,13 +114,7 @@ REFUSED = [
 @pytest.mark.parametrize(
     ("arguments", "said"), REFUSED, ids=lambda given: " ".join(given) if isinstance(given, list) else ""
 )
-def test_what_cannot_be_is_one_line_and_exit_code_2(
-    arguments: list[str],
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_cannot_be_is_one_line_and_exit_code_2(arguments, said, tmp_path, monkeypatch, capsys):
     monkeypatch.delenv("FLATCLOTH_TOKEN", raising=False)
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
@@ -150,9 +140,7 @@ def test_what_cannot_be_is_one_line_and_exit_code_2(
         (["run"], "required: SOURCE"),
     ],
 )
-def test_wrong_options_exit_with_2_and_the_usage_of_their_command(
-    arguments: list[str], meant: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_options_exit_with_2_and_the_usage_of_their_command(arguments, meant, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(arguments)
     said = capsys.readouterr().err
@@ -160,16 +148,14 @@ def test_wrong_options_exit_with_2_and_the_usage_of_their_command(
     assert meant in said
 
 
-def test_a_recording_may_be_called_as_no_command_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_may_be_called_as_no_command_is(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rnu").mkdir()
     assert main(["rnu"]) == 2
     assert "recording.json" in capsys.readouterr().err
 
 
-def test_errors_are_in_the_log_file_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_in_the_log_file_too(tmp_path, capsys):
     log = tmp_path / "new" / "log.txt"
     assert main(["run", "no-such-recording", "--out", "y", "--log-file", str(log), "-q"]) == 2
     said = capsys.readouterr().err
@@ -182,7 +168,7 @@ def test_errors_are_in_the_log_file_too(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
-def test_bash_completes_commands_options_and_choices(capsys: pytest.CaptureFixture[str]) -> None:
+def test_bash_completes_commands_options_and_choices(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["--print-completion", "bash"])
     script = capsys.readouterr().out
@@ -197,7 +183,7 @@ complete_words flatcloth run --method pa
     assert done.stdout.splitlines() == ["evaluate", "--method", "paper"]
 
 
-def test_app_starts_without_realsense_and_open3d() -> None:
+def test_app_starts_without_realsense_and_open3d():
     code = (
         "import sys\nfor name in ('pyrealsense2', 'open3d', 'libusb_package'): sys.modules[name] = None\n"
         "import flatcloth.cli, flatcloth.engine.integration, flatcloth.recordings, flatcloth.viewer\n"
@@ -208,7 +194,7 @@ def test_app_starts_without_realsense_and_open3d() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_help_offers_every_method_without_loading_the_numerics_which_get_one_blas_thread() -> None:
+def test_help_offers_every_method_without_loading_the_numerics_which_get_one_blas_thread():
     code = (
         "import os, sys; os.environ.pop('OPENBLAS_NUM_THREADS', None)\nimport flatcloth.cli\n"
         "try: flatcloth.cli.main(['run', '--help'])\nexcept SystemExit: pass\n"
@@ -222,9 +208,7 @@ def test_help_offers_every_method_without_loading_the_numerics_which_get_one_bla
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_tells_its_options_and_examples(
-    command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_command_tells_its_options_and_examples(command, capsys):
     with pytest.raises(SystemExit) as ended:
         main([command, "--help"])
     assert ended.value.code == 0
@@ -234,7 +218,7 @@ def test_every_command_tells_its_options_and_examples(
     assert f"flatcloth {command}" in told
 
 
-def test_the_help_names_every_command_and_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_names_every_command_and_the_version_is_printed(capsys):
     for option, wanted in (("--help", [f"\n    {name} " for name in COMMANDS]), ("--version", [__version__])):
         with pytest.raises(SystemExit):
             main([option])
@@ -242,7 +226,7 @@ def test_the_help_names_every_command_and_the_version_is_printed(capsys: pytest.
         assert all(text in told for text in wanted)
 
 
-def test_at_its_end_nothing_waits_for_threads_or_takes_apart_what_was_loaded() -> None:
+def test_at_its_end_nothing_waits_for_threads_or_takes_apart_what_was_loaded():
     script = (
         "import atexit, threading, flatcloth.cli as cli\n"
         "class Loaded:\n"
@@ -256,7 +240,7 @@ def test_at_its_end_nothing_waits_for_threads_or_takes_apart_what_was_loaded() -
     assert (done.returncode, done.stdout) == (3, "ended\n")
 
 
-def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> None:
+def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path):
     log = tmp_path / "log.txt"
     command = [sys.executable, "app.py", "view", str(SAMPLE), "--port", "0", "--session", str(tmp_path / "s")]
     command += ["--json", "--token-file", str(tmp_path / "token"), "--log-file", str(log)]
@@ -292,9 +276,6 @@ def test_a_folder_with_something_in_it_is_refused_before_any_work(command, tmp_p
     (tmp_path / "mine.txt").write_text("keep")
     assert main([*command.split(), str(tmp_path)]) == 2
     assert f"{tmp_path}: not empty" in capsys.readouterr().err  # and not that there is no x
-
-
-# --- check -----------------------------------------------------------------------------------------
 
 
 NAME = "shirt-corner-d435"

@@ -44,9 +44,6 @@ def standing_axes(draw: st.DrawFn) -> RotationAxis:
     return RotationAxis(point_m=draw(VECTORS), direction=tilt / np.linalg.norm(tilt))
 
 
-# --- Rigid3 ---------------------------------------------------------------------------------------
-
-
 @given(motions(), motions(), VECTORS)
 def test_composing_is_applying_one_after_the_other(a: Rigid3, b: Rigid3, x: np.ndarray) -> None:
     np.testing.assert_allclose((a @ b).apply(x), a.apply(b.apply(x)), atol=1e-12)
@@ -63,9 +60,6 @@ def test_the_inverse_undoes_from_both_sides(a: Rigid3, x: np.ndarray) -> None:
 def test_lengths_and_handedness_are_kept(a: Rigid3, x: np.ndarray, y: np.ndarray) -> None:
     assert np.linalg.norm(a.apply(x) - a.apply(y)) == pytest.approx(np.linalg.norm(x - y), abs=1e-12)
     np.testing.assert_allclose(a.turn(np.cross(x, y)), np.cross(a.turn(x), a.turn(y)), atol=1e-11)
-
-
-# --- rotations ------------------------------------------------------------------------------------
 
 
 def test_a_positive_angle_moves_what_faces_the_camera_to_the_right_of_the_image() -> None:
@@ -85,9 +79,6 @@ def test_points_seen_in_any_view_coincide_in_the_held_frame(
     np.testing.assert_allclose(camera_from_object(axis, 0.0).apply(x), x, atol=1e-14)
 
 
-# --- Z-angle --------------------------------------------------------------------------------------
-
-
 def test_a_normal_that_faces_the_camera_has_zero_and_one_to_the_right_is_positive() -> None:
     normals = np.array([[0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 0, 1], [1, 0, -1]], dtype=float)
     np.testing.assert_allclose(z_angle_deg(normals, UPRIGHT), [0, 90, -90, 180, 45], atol=1e-12)
@@ -103,9 +94,6 @@ def test_turning_the_item_adds_the_rotation(axis: RotationAxis, normal: np.ndarr
     again = (by_formula - z_angle_deg(normal, axis) - angle_deg + 180) % 360 - 180
     assert again == pytest.approx(0, abs=1e-8)
     assert -180 < by_formula <= 180
-
-
-# --- back-projection ------------------------------------------------------------------------------
 
 
 def test_a_plane_back_projects_to_itself_and_unmeasured_pixels_to_nan() -> None:

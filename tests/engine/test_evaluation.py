@@ -78,15 +78,11 @@ def test_an_exact_result_has_no_error_and_full_coverage() -> None:
     assert found.coverage == 1.0
 
 
-def test_scale_is_not_forgiven() -> None:
+def test_neither_scale_nor_a_mirror_is_forgiven() -> None:
     sheet = FlatSheet()
     found = figures(result(sheet, stretch=1.1), sheet)
     assert found.relative_median_mm == pytest.approx(0.1 * 133, rel=0.15)
     assert found.absolute_median_mm > 8
-
-
-def test_a_mirror_is_not_forgiven() -> None:
-    sheet = FlatSheet()
     sheet.flat = sheet.flat[:, ::-1].copy()
     assert figures(result(sheet), sheet).absolute_median_mm > 50
 

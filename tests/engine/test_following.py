@@ -5,11 +5,11 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from garment_evidence import blank_view
 from sheet_runs import STEPS, done, integration, shared
-from viewer_fakes import cylinder_view
 
 from flatcloth.core.errors import AlignmentError
-from flatcloth.core.types import FlattenedView, Rigid2
+from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import outcome_of
@@ -55,8 +55,17 @@ def apart_m(one: Rigid2, other: Rigid2) -> float:
     return float(np.linalg.norm(one.apply(corners) - other.apply(corners), axis=1).max())
 
 
+def lays_nothing(made: Integration, patched: pytest.MonkeyPatch) -> None:
+    """Let the method lay no view any more."""
+
+    def nothing(*_: object) -> None:
+        raise AlignmentError("View 2: it has no cloth in common with the shape; choose another view.")
+
+    patched.setattr(made.algorithm, "propose", nothing)
+
+
 @pytest.mark.parametrize("method", method_names())
-def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs(method: str) -> None:
+def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs(method):
     made = shared(method)
     before = three_accepted(made)
     after = done(made, before, Reopen(2), Reject(2))
@@ -65,7 +74,7 @@ def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs
     assert apart_m(places(made, after.document)[3], places(made, before.document)[3]) < 0.004
 
 
-def test_by_the_paper_a_view_laid_by_hand_is_carried_along_with_the_one_it_lay_on() -> None:
+def test_by_the_paper_a_view_laid_by_hand_is_carried_along_with_the_one_it_lay_on():
     made = shared("paper")
     start = done(made, SessionState(len(STEPS)), Start(0))
     state = done(made, start, Propose(1), Accept(1), Propose(2), Nudge(2, Rigid2(0, 1e-4, 0)), Accept(2))
@@ -84,7 +93,7 @@ def test_by_the_paper_a_view_laid_by_hand_is_carried_along_with_the_one_it_lay_o
 
 
 @pytest.mark.parametrize("method", method_names())
-def test_what_no_longer_fits_is_asked_again_with_the_reason(method: str) -> None:
+def test_what_no_longer_fits_is_asked_again_with_the_reason(method):
     made = shared(method)
     before = three_accepted(made)
     accepted = list(before.document.accepted)
@@ -103,14 +112,10 @@ def test_what_no_longer_fits_is_asked_again_with_the_reason(method: str) -> None
     assert made.proposal(state.document).parts  # it can be looked at
 
 
-def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch):
     made = integration("robust")
     before = three_accepted(made)
-
-    def nothing(*_: object) -> None:
-        raise AlignmentError("View 2: it has no cloth in common with the shape; choose another view.")
-
-    monkeypatch.setattr(made.algorithm, "propose", nothing)
+    lays_nothing(made, monkeypatch)
     state = done(made, before, Reopen(1), Reject(1))
     pending = state.document.pending
     assert (pending.view_index, pending.score) == (2, 0.0)
@@ -118,10 +123,7 @@ def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch: p
     assert pending.current_from_new == before.document.accepted[1].current_from_new
 
 
-# --- skipped --------------------------------------------------------------------------------------
-
-
-def test_a_skipped_view_comes_again_when_the_others_are_done() -> None:
+def test_a_skipped_view_comes_again_when_the_others_are_done():
     made = integration("robust", angles_deg=(0.0, 20.0, 40.0))
     state = done(made, SessionState(3), Start(0), Propose())
     asked = []
@@ -139,7 +141,7 @@ def test_a_skipped_view_comes_again_when_the_others_are_done() -> None:
     assert not any(s.view_index in end.document.used_views for s in end.document.skipped)
 
 
-def test_an_unattended_run_goes_on_with_what_waited_to_follow() -> None:
+def test_an_unattended_run_goes_on_with_what_waited_to_follow():
     made = integration("robust")
     waiting = apply(done(made, three_accepted(made), Reopen(2)), Reject(2))
     assert waiting.request is not None
@@ -149,20 +151,11 @@ def test_an_unattended_run_goes_on_with_what_waited_to_follow() -> None:
     assert 3 in end.document.used_views
 
 
-# --- by hand --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("method", method_names())
-def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by_hand(
-    method: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by_hand(method, monkeypatch):
     made = integration(method)
     state = done(made, SessionState(len(STEPS)), Start(0))
-
-    def nothing(*_: object) -> None:
-        raise AlignmentError("View 2: it has no cloth in common with the shape; choose another view.")
-
-    monkeypatch.setattr(made.algorithm, "propose", nothing)
+    lays_nothing(made, monkeypatch)
     state = done(made, state, Propose(2))
     pending = state.document.pending
     assert pending.score == 0.0
@@ -182,7 +175,7 @@ def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by
     assert made.canonical(placed.document).view.area_m2 > 1.1 * shape.area_m2
 
 
-def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_placed_by_hand() -> None:
+def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_placed_by_hand():
     # Views 0 and 1 share cloth, and so do 2 and 3 on the other side.
     made = integration("robust", angles_deg=(0.0, 20.0, 170.0, 190.0), span_deg=(-180.0, 180.0))
     state = three_accepted(made)
@@ -205,7 +198,7 @@ def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_p
     assert whole_m2 - 0.04 * 0.25 < joined.view.area_m2 < whole_m2
 
 
-def test_a_piece_that_outgrows_the_shape_becomes_the_shape() -> None:
+def test_a_piece_that_outgrows_the_shape_becomes_the_shape():
     made = integration("robust", angles_deg=(0.0, 150.0, 170.0, 190.0), span_deg=(-180.0, 180.0))
     state = three_accepted(made)
     shape = made.canonical(state.document)
@@ -214,8 +207,11 @@ def test_a_piece_that_outgrows_the_shape_becomes_the_shape() -> None:
 
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
-def test_a_component_is_laid_on_its_side_of_the_shape_at_its_height_without_touching_it(side: Side) -> None:
-    shape, part = sheet(rows=30, cols=20, origin_uv_m=(-0.1, 0.3)), sheet(12, 8, origin_uv_m=(0.5, -0.2))
+def test_a_component_is_laid_on_its_side_of_the_shape_at_its_height_without_touching_it(side):
+    shape, part = (
+        blank_view(np.pad(np.ones(size, dtype=bool), ((0, 0), (5, 0))), origin_uv_m=origin_uv_m)
+        for size, origin_uv_m in (((30, 20), (-0.1, 0.3)), ((12, 8), (0.5, -0.2)))
+    )
     motion = laid_beside(shape, {3: part}, side).alignment.current_from_new
     assert motion.theta_rad == 0.0
     shape_uv_m = shape.uv_from_rc(np.argwhere(shape.valid))
@@ -224,22 +220,3 @@ def test_a_component_is_laid_on_its_side_of_the_shape_at_its_height_without_touc
     gap_m = own_m[0][0] - moved_m[1][0] if side is Side.LEFT else moved_m[0][0] - own_m[1][0]
     assert gap_m == pytest.approx(0.02)
     assert sum(moved_m)[1] == pytest.approx(sum(own_m)[1])  # the middles of their heights
-
-
-def sheet(rows: int, cols: int, origin_uv_m: tuple[float, float]) -> FlattenedView:
-    """A rectangle of cloth in a grid with an empty border of 5 pixels on the left."""
-    view = cylinder_view({0: 0.0})
-    valid = np.zeros((rows, cols + 5), dtype=np.bool_)
-    valid[:, 5:] = True
-    return replace(view, valid=valid, origin_uv_m=origin_uv_m)
-
-
-def test_the_growth_takes_shapes_as_they_were_extended() -> None:
-    made = shared("robust")
-    document = three_accepted(made).document
-    for order in range(len(document.accepted)):
-        earlier = replace(document, accepted=document.accepted[:order])
-        quick, exact = made.algorithm.earlier(earlier, document), made.canonical(earlier)
-        assert quick.view.area_m2 == pytest.approx(exact.view.area_m2, rel=0.01)
-        assert set(np.unique(quick.view.view_index)) == set(np.unique(exact.view.view_index))
-        assert len(quick.floating) == len(exact.floating)

@@ -1,30 +1,20 @@
-"""Where a part hangs on little evidence is found, how surely, and which views hold it; the page decides."""
-
-from __future__ import annotations
+"""Where a part hangs on little evidence is found, how surely, and which views hold it."""
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
-from garment_evidence import blank_view, evidence_from
-from route_client import RouteClient
-from scenes import AXIS, CAMERA
-from scipy.spatial import cKDTree
+from garment_evidence import evidence_from, weakly_joined
 
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import MIRROR, Rigid2
 from flatcloth.engine.joints import Alternative, alternatives, joints_of, with_places
 from flatcloth.engine.outcome import lines_of
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part
 from flatcloth.methods.answers import Seam
-from flatcloth.session.document import Document
-from flatcloth.session.garment import DecidedPart
 from flatcloth.shape.joints import false_share
-from flatcloth.viewer.modes.doubts import DoubtService
-from flatcloth.viewer.protocol.messages import Decide
 
 WEAK, OFF_M = 0.05, 0.004
 
@@ -32,19 +22,12 @@ WEAK, OFF_M = 0.05, 0.004
 @pytest.fixture
 def cloth() -> Cloth:
     """A sheet of samples 12 mm apart whose left third hangs on by pairs that view 7 saw 4 mm too long."""
-    row, col = (each.ravel() for each in np.mgrid[0:20, 0:30])
-    uv = 0.012 * np.stack([col, row], axis=1)
-    edges = cKDTree(uv).query_pairs(0.018, output_type="ndarray").astype(np.int32)
-    across = (col[edges] <= 9).sum(axis=1) == 1
-    steep = (np.abs(col[edges] - 9.5) < 3.0).any(axis=1)
-    length = np.linalg.norm(uv[edges[:, 0]] - uv[edges[:, 1]], axis=1)
-    return Cloth(
-        uv_m=uv,
-        xyz_m=np.concatenate([uv - 0.15, np.full((len(uv), 1), 0.85)], axis=1),
-        edges=edges,
-        evidence=np.where(across, WEAK, np.where(steep, 0.3, 1.0)),
-        length_m=length + np.where(across, OFF_M, 0.0),
-        view_index=np.where(across, 7, 2).astype(np.int32),
+    made = weakly_joined(20, 30, weak_after=9, weak=WEAK)
+    is_weak = made.evidence == WEAK
+    return replace(
+        made,
+        length_m=made.length_m + np.where(is_weak, OFF_M, 0.0),
+        view_index=np.where(is_weak, 7, 2).astype(np.int32),
         is_noisy=True,
     )
 
@@ -123,57 +106,3 @@ def test_the_report_names_the_joint_that_most_doubtful_cloth_hangs_on() -> None:
     )
     certain = {**report, "joints": [{**joint, "probability": 1.0}]}
     assert not any("joint" in line for line in lines_of(certain))
-
-
-# --- the page -------------------------------------------------------------------------------------
-
-
-def service_of(cloth: Cloth | None) -> DoubtService:
-    """The page's service over a shape of this cloth, at revision 1."""
-    view = blank_view(np.ones((20, 30), dtype=bool), 0.012)
-    recording = SimpleNamespace(angles_deg=tuple(30.0 * n for n in range(8)), intrinsics=CAMERA)
-    integration = SimpleNamespace(
-        method="robust", axis=AXIS, recording=recording, cloth=lambda _: cloth,
-        canonical=lambda _: SimpleNamespace(view=view),
-    )  # fmt: skip
-    sheet = SimpleNamespace(pieces=())
-    picture = SimpleNamespace(revision=3, document=Document(start_view=0), sheet=sheet)
-    page, garment = SimpleNamespace(integration=integration), SimpleNamespace(current=None)
-    other = SimpleNamespace(made=None, is_working=False)
-    service = DoubtService(cast("Any", page), cast("Any", garment), cast("Any", other))
-    assert service.follow(cast("Any", picture)) == 1
-    return service
-
-
-def test_a_joint_is_told_with_the_pixels_that_show_it_or_why_nothing_is_known(cloth) -> None:
-    (joint,) = RouteClient(service_of(cloth).routes()).get("/doubts/1.json").json()["doubts"]
-    assert joint["area_cm2"] == pytest.approx(200 * 1.44)
-    assert joint["weak"]
-    (held,) = joint["views"]
-    assert (held["view_index"], held["angle_deg"], held["places"]) == (7, 210.0, 58)
-    assert held["rc"]
-    assert all(0 <= row < CAMERA.height and 0 <= col < CAMERA.width for row, col in held["rc"])
-    told = RouteClient(service_of(None).routes()).get("/doubts/1.json").json()
-    assert (told["doubts"], "does not know" in told["trouble"]) == ([], True)
-
-
-def test_a_decision_is_about_the_shape_that_was_shown(cloth) -> None:
-    service = service_of(cloth)
-
-    def decided(**asked: Any) -> DecidedPart:
-        (decision,) = service.decision(Decide(**{"revision": 1, "index": 0, **asked}))
-        assert isinstance(decision, DecidedPart)
-        return decision
-
-    cut = decided(how="cut")
-    assert (cut.taken_off, cut.place) == (True, None)
-    assert max(u for u, _ in cut.part.uv_m) < 10 * 0.012
-    kept = decided(how="keep")
-    assert (kept.taken_off, kept.place) == (False, None)
-    laid = decided(how="place", place=(0.0, 0.1, 0.2))
-    assert laid.place is not None
-    assert np.allclose(np.array(laid.place.piece.uv_m) - laid.part.uv_m, (0.1, 0.2))
-    assert (laid.place.by_hand, laid.place.shape) == (True, laid.rest)
-    for wrong in ({"revision": 2}, {"index": 1}):
-        with pytest.raises(FlatclothError, match="look again"):
-            decided(how="cut", **wrong)

@@ -83,13 +83,11 @@ def test_a_placement_on_a_piece_is_shown_there_and_meant_where_it_is_put() -> No
     dragged = Rigid2(0.3, -0.05, 0.4)
     assert sheet.meant(dragged, center) == dragged
     assert sheet.shown(dragged, center) == dragged
-
-
-def test_a_placement_far_from_all_cloth_is_shown_beside_the_shape() -> None:
-    sheet, center = lay_out(canonical()), np.array([0.03, 0.02])
-    shown = sheet.shown(Rigid2(0.0, 10.0, 0.0), center)
-    assert sheet.view.origin_uv_m[0] < shown.apply(center)[0] < 0.3
-    assert sheet.meant(shown, center) == shown
+    # Far from all cloth, it is shown beside the shape.
+    alone = lay_out(canonical())
+    far = alone.shown(Rigid2(0.0, 10.0, 0.0), center)
+    assert alone.view.origin_uv_m[0] < far.apply(center)[0] < 0.3
+    assert alone.meant(far, center) == far
 
 
 def test_a_piece_placed_by_the_garment_lies_on_the_shape_and_is_found_there() -> None:

@@ -71,9 +71,6 @@ def test_pinholes_are_filled_and_threads_and_specks_are_no_cloth() -> None:
     assert solid_cloth(blank_view(valid, SIZE_M), 0.01**2)[3:7, 3:7].all()
 
 
-# --- views on one grid ----------------------------------------------------------------------------
-
-
 def test_views_that_are_placed_together_keep_their_places_and_the_first_is_on_top() -> None:
     colors = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
     view = dataclasses.replace(blank_view(np.ones((20, 30), dtype=bool)), rgb=colors)

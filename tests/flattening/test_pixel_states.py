@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_up_sheets import shape_of_view
-from scenes import AXIS, CAMERA, Cylinder, box, frame, plane
+from scenes import AXIS, CAMERA, Cylinder, box, frame, placed_view, plane
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
-from flatcloth.core.geometry import object_from_camera
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.pixel_states import PixelState, component_states, states_of_view
-from flatcloth.flattening.surface import observe_item, observe_surface
+from flatcloth.flattening.surface import observe_item
 from flatcloth.shape.drawing import states_of_nodes, states_on_surface
 
 NEAR_M, FAR_M, STEP_COL = 0.80, 0.85, 120
@@ -78,12 +77,13 @@ def test_every_component_that_is_placed_is_in_the_shape() -> None:
 
 def test_on_the_surface_a_pixel_has_the_state_of_what_carries_it() -> None:
     cylinder = Cylinder(angles_deg=(0.0,))
-    surface = observe_surface(cylinder[0], AXIS, SurfaceConfig())
+    view = placed_view(cylinder[0])
+    surface = view.surface
     flattening = flatten(surface, AXIS, FlatteningConfig())
     states = component_states(flattening, {0})
     assert set(np.unique(states[surface.usable])) <= {PixelState.SHAPE, PixelState.STRIP}
     assert (states[surface.usable] == PixelState.SHAPE).mean() > 0.95
-    shape = shape_of_view(surface, object_from_camera(AXIS, 0.0), cylinder.flat_uv_m)
+    shape = shape_of_view(view, cylinder.flat_uv_m)
     state = states_of_nodes(shape, taken_off=shape.nodes.xyz_m[:, 0] < 0.0)
     found = states_on_surface(shape.observations[0], surface, state, FlatteningConfig())
     x = surface.xyz_m[..., 0]

@@ -51,12 +51,6 @@ def test_z_angle_of_a_cylinder_is_the_angle_about_its_axis() -> None:
     assert surface.z_angle_deg[inner].max() > 50
 
 
-def test_normals_face_the_camera() -> None:
-    surface = observe_surface(Cylinder()[0], AXIS, CONFIG)
-    toward = -(surface.xyz_m * surface.normal).sum(axis=-1)
-    assert (toward[surface.usable] > 0).all()
-
-
 def test_steep_surface_is_not_used() -> None:
     cylinder = Cylinder()
     _, around = cylinder.surface(0)
@@ -92,22 +86,12 @@ def test_ramps_are_found_alike_along_rows_columns_and_both_diagonals(gap_m: floa
     np.testing.assert_array_equal(find_ramps(np.ascontiguousarray(inverse[:, ::-1]), CAMERA), found[:, ::-1])
 
 
-def test_a_turning_outline_is_no_ramp() -> None:
-    shown = Cylinder()[0]
-    inverse = np.where(shown.mask, 1.0 / np.where(shown.mask, shown.depth_m, 1.0), 0.0)
-    assert not find_ramps(inverse, CAMERA).any()
-
-
-def test_a_plane_seen_steeply_is_no_ramp() -> None:
-    depth = plane(1.4, 0.0)
-    assert not find_ramps(np.where(box(0.1, depth), 1.0 / depth, 0.0), CAMERA).any()
-
-
-def test_a_plane_as_steep_as_a_ramp_is_none_where_it_ends_either() -> None:
-    depth = plane(2.2, 0.0)
-    inverse = np.where(box(0.1, depth), 1.0 / depth, 0.0)
-    inverse[:, CAMERA.width // 2] = 0.0
-    assert not find_ramps(inverse, CAMERA).any()
+def test_steep_planes_and_a_turning_outline_are_no_ramp() -> None:
+    steep, steeper = ((box(0.1, depth), depth) for depth in (plane(1.4, 0.0), plane(2.2, 0.0)))
+    steeper[0][:, CAMERA.width // 2] = False  # where a plane as steep as a ramp ends, it is none either
+    turning = Cylinder()[0]
+    for mask, depth in (steep, steeper, (turning.mask, turning.depth_m)):
+        assert not find_ramps(np.where(mask, 1.0 / np.where(mask, depth, 1.0), 0.0), CAMERA).any()
 
 
 def test_a_small_dropout_is_bridged_exactly_and_a_large_one_stays_open() -> None:
@@ -196,9 +180,6 @@ def test_points_and_normals_between_the_pixels_of_a_plane_are_exact(slope: tuple
     np.testing.assert_allclose((points - on_plane) @ [slope[0], slope[1], -1.0], 0.0, atol=1e-5)
 
 
-# --- jumps ----------------------------------------------------------------------------------------
-
-
 def all_steps(depth_m: np.ndarray) -> np.ndarray:
     steps = np.full(depth_m.shape, STEPS_BOTH, dtype=np.uint8)
     steps[:, -1] &= ~np.uint8(STEP_RIGHT)
@@ -251,9 +232,6 @@ def test_noise_raises_the_least_jump() -> None:
     depth = plane() + 0.001 * random.standard_normal(plane().shape)
     steps = all_steps(depth)
     assert (cut_small_jumps(1.0 / depth, steps) != steps).mean() < 1e-4
-
-
-# --- noise ----------------------------------------------------------------------------------------
 
 
 PITCH_M = 0.85 / 425.0

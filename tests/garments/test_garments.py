@@ -39,11 +39,10 @@ KINDS = (
 )
 
 
-# ------------------------------------------------------------------ outlines
-
-
 @pytest.mark.parametrize("name", KINDS)
-def test_an_outline_is_symmetric_runs_clockwise_and_does_not_cross_itself(name: str) -> None:
+def test_an_outline_is_symmetric_and_clockwise_without_crossings_and_has_its_named_points(
+    name: str,
+) -> None:
     outline = at_mean(name)
     mirrored = outline * [-1.0, 1.0]
     nearest = np.linalg.norm(outline[:, None] - mirrored[None], axis=-1).min(axis=1)
@@ -54,6 +53,14 @@ def test_an_outline_is_symmetric_runs_clockwise_and_does_not_cross_itself(name: 
     places, normals = sampled(outline, 0.02)
     assert not inside_outline(places + 1e-4 * normals, outline).any()
     assert inside_outline(places - 1e-4 * normals, outline).all()
+    kind = kind_named(name)
+    named = kind.named(kind.mean[:, None])
+    for place in named.values():
+        assert np.linalg.norm(outline - place[:, 0], axis=1).min() < 1e-12
+    for a, b in kind.dimensions.values():
+        assert {a, b} <= set(named)
+    left = [point for point in named if point.endswith("_left")]
+    assert all(named[point][0, 0] < 0 < named[point.replace("_left", "_right")][0, 0] for point in left)
 
 
 def test_a_line_across_the_gap_between_two_legs_is_not_inside() -> None:
@@ -64,28 +71,12 @@ def test_a_line_across_the_gap_between_two_legs_is_not_inside() -> None:
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_named_points_lie_on_the_outline_and_dimensions_name_them(name: str) -> None:
-    kind = kind_named(name)
-    named = kind.named(kind.mean[:, None])
-    outline = at_mean(name)
-    for place in named.values():
-        assert np.linalg.norm(outline - place[:, 0], axis=1).min() < 1e-12
-    for a, b in kind.dimensions.values():
-        assert {a, b} <= set(named)
-    left = [point for point in named if point.endswith("_left")]
-    assert all(named[point][0, 0] < 0 < named[point.replace("_left", "_right")][0, 0] for point in left)
-
-
-@pytest.mark.parametrize("name", KINDS)
 def test_the_derivatives_are_those_of_the_outline(name: str) -> None:
     kind = kind_named(name)
     outline, slope = with_slope(kind.outline, kind.mean)
     change = 1e-4 * kind.std
     moved = kind.outline((kind.mean + change)[:, None])[:, :, 0]
     np.testing.assert_allclose(moved - outline, slope @ change, atol=2e-6)
-
-
-# ------------------------------------------------------------------ distances
 
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -118,18 +109,16 @@ def test_poses_of_a_coarse_search_stand_evenly_in_the_box_where_a_piece_fits() -
     np.testing.assert_allclose(turned, upright, atol=1e-9)
 
 
-# ------------------------------------------------------------------ true edges
-
-
-def sheet_seen(depth_m: np.ndarray, of_interest: np.ndarray | None = None) -> tuple[FlattenedView, SeenFrom]:
-    """Return a sheet from 40 to 198 mm both ways, 0.85 m away, and what the camera measured."""
+def sheet_seen(
+    depth_m: np.ndarray, of_interest: np.ndarray | None = None
+) -> tuple[FlattenedView, list[SeenFrom]]:
+    """Return a sheet from 40 to 198 mm both ways, 0.85 m away, and what the camera measured of it once."""
     k = Intrinsics(width=400, height=400, fx=425.0, fy=425.0, cx=0.0, cy=0.0)
     valid = np.zeros((140, 140), dtype=bool)
     valid[20:100, 20:100] = True
     camera = Rigid3(np.eye(3), np.zeros(3))
-    return blank_view(valid), SeenFrom(
-        depth_m=depth_m, of_interest=of_interest, intrinsics=k, camera_from_object=camera
-    )
+    seen = SeenFrom(depth_m=depth_m, of_interest=of_interest, intrinsics=k, camera_from_object=camera)
+    return blank_view(valid), [seen]
 
 
 def measured(first: int, last: int, depth_m: float = 0.85) -> np.ndarray:
@@ -141,7 +130,7 @@ def measured(first: int, last: int, depth_m: float = 0.85) -> np.ndarray:
 
 def test_where_the_depth_ends_in_front_of_nothing_is_a_true_edge() -> None:
     # What was flattened ends 2 mm before the sheet does.
-    evidence = evidence_of(*_listed(sheet_seen(measured(19, 101))))
+    evidence = evidence_of(*sheet_seen(measured(19, 101)))
     assert len(evidence.edge_uv_m) > 80
     left = evidence.edge_normal[:, 0] < -0.9
     np.testing.assert_allclose(evidence.edge_uv_m[left, 0], 0.037, atol=0.002)
@@ -149,18 +138,18 @@ def test_where_the_depth_ends_in_front_of_nothing_is_a_true_edge() -> None:
 
 
 def test_where_the_cloth_goes_on_or_is_covered_is_no_true_edge() -> None:
-    assert len(evidence_of(*_listed(sheet_seen(measured(0, 400)))).edge_uv_m) == 0
+    assert len(evidence_of(*sheet_seen(measured(0, 400))).edge_uv_m) == 0
     covered = measured(19, 101)
     covered[:, 100:] = 0.60
-    evidence = evidence_of(*_listed(sheet_seen(covered)))
+    evidence = evidence_of(*sheet_seen(covered))
     assert not (evidence.edge_normal[:, 0] > 0.9).any()
     assert (evidence.edge_normal[:, 0] < -0.9).sum() > 15
     assert len(evidence.unseen_uv_m) > 15
 
 
 def test_an_edge_that_more_views_saw_is_trusted_more() -> None:
-    shape, view = sheet_seen(measured(19, 101))
-    once, often = (evidence_of(shape, [view] * count) for count in (1, 6))
+    shape, seen = sheet_seen(measured(19, 101))
+    once, often = (evidence_of(shape, seen * count) for count in (1, 6))
     assert len(once.edge_trust) == len(once.edge_uv_m)
     assert (once.edge_trust > 0.0).all()
     assert (often.edge_trust < 1.0).all()
@@ -210,14 +199,10 @@ def test_an_outline_keeps_to_trusted_edges_where_others_contradict_them() -> Non
     assert abs(fitted.parameters[0] - kind.mean[0]) < 0.004
 
 
-def _listed(seen: tuple[FlattenedView, SeenFrom]) -> tuple[FlattenedView, list[SeenFrom]]:
-    return seen[0], [seen[1]]
-
-
 def test_where_the_side_of_interest_ends_on_cloth_is_an_edge() -> None:
     mask = np.zeros((400, 400), dtype=bool)
     mask[:, :100] = True
-    evidence = evidence_of(*_listed(sheet_seen(measured(0, 400), mask)))
+    evidence = evidence_of(*sheet_seen(measured(0, 400), mask))
     assert (evidence.edge_normal[:, 0] > 0.9).sum() > 15
     np.testing.assert_allclose(evidence.edge_uv_m[evidence.edge_normal[:, 0] > 0.9, 0], 0.199, atol=0.002)
 
@@ -231,9 +216,9 @@ def test_an_edge_that_the_other_side_may_lie_on_is_trusted_as_far_as_it_lies_beh
     mask[:, :100] = True
     beside, alone = measured(0, 400), measured(19, 101)
     beside[:, 100:] += step_m
-    evidence = evidence_of(*_listed(sheet_seen(beside, mask)))
+    evidence = evidence_of(*sheet_seen(beside, mask))
     right = evidence.edge_normal[:, 0] > 0.9
-    free = evidence_of(*_listed(sheet_seen(alone)))
+    free = evidence_of(*sheet_seen(alone))
     share = evidence.edge_trust[right].max() / free.edge_trust[free.edge_normal[:, 0] > 0.9].max()
     assert right.sum() > 15
     assert least < share <= most
@@ -245,11 +230,11 @@ def test_where_another_piece_goes_on_the_cloth_does_not_end() -> None:
     view, seen = sheet_seen(measured(0, 400), mask)
     valid = np.zeros((140, 140), dtype=bool)
     valid[20:100, 102:140] = True
-    evidence = evidence_of(view, [seen], [dataclasses.replace(blank_view(valid), origin_uv_m=(5.0, 7.0))])
+    evidence = evidence_of(view, seen, [dataclasses.replace(blank_view(valid), origin_uv_m=(5.0, 7.0))])
     assert not (evidence.edge_normal[:, 0] > 0.9).any()
     # The other layer of a fold lies there too, but faces away.
     behind = dataclasses.replace(blank_view(valid), normal=-blank_view(valid).normal)
-    assert (evidence_of(view, [seen], [behind]).edge_normal[:, 0] > 0.9).sum() > 15
+    assert (evidence_of(view, seen, [behind]).edge_normal[:, 0] > 0.9).sum() > 15
 
 
 def test_cloth_that_is_not_a_number_is_said() -> None:
@@ -257,10 +242,7 @@ def test_cloth_that_is_not_a_number_is_said() -> None:
     xyz = view.xyz_m.copy()
     xyz[50, 50] = np.nan
     with pytest.raises(GarmentError, match="not a number"):
-        evidence_of(dataclasses.replace(view, xyz_m=xyz), [seen])
-
-
-# ------------------------------------------------------------------ fits
+        evidence_of(dataclasses.replace(view, xyz_m=xyz), seen)
 
 
 def test_a_whole_outline_gives_its_own_parameters_and_pose() -> None:
@@ -328,9 +310,6 @@ def test_an_outline_through_seen_cloth_costs() -> None:
     assert crossing_energy(touching, (main,), np.zeros((1, 3))) == 0.0
     doubtful = dataclasses.replace(main, inside_std_m=np.full_like(main.inside_std_m, 0.3))
     assert crossing_energy(across, (doubtful,), np.zeros((1, 3))) < 0.5  # that cloth may be elsewhere
-
-
-# ------------------------------------------------------------------ named points
 
 
 def towel_shape(motion: Rigid2) -> tuple[FlattenedView, PieceEvidence]:

@@ -3,11 +3,10 @@
 import dataclasses
 
 import numpy as np
-from garment_evidence import at_mean, blank_view, cloth_of, evidence_from
+from garment_evidence import at_mean, blank_view, evidence_from, weakly_joined
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Rigid2
-from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import (
     decided_part,
     decided_parts,
@@ -18,19 +17,6 @@ from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.placing import place_elsewhere
 from flatcloth.garments.recognition import fits_of
-
-WEAK = 0.05
-
-
-def sheet(rows: int, cols: int, weak_after: int) -> Cloth:
-    """Return a flat sheet of samples 12 mm apart, weakly joined around one of its columns."""
-    row, col = (each.ravel() for each in np.mgrid[0:rows, 0:cols])
-    uv = 0.012 * np.stack([col, row], axis=1)
-    edges = cKDTree(uv).query_pairs(0.018, output_type="ndarray").astype(np.int32)
-    steep = (np.abs(col[edges] - weak_after - 0.5) < 3.0).any(axis=1)
-    across = (col[edges] <= weak_after).sum(axis=1) == 1
-    xyz = np.concatenate([uv, np.full((len(uv), 1), 0.85)], axis=1)
-    return cloth_of(uv, xyz, edges, np.where(across, WEAK, np.where(steep, 0.3, 1.0)))
 
 
 def joined_at(motion: Rigid2) -> tuple[PieceEvidence, np.ndarray]:
@@ -89,7 +75,7 @@ def test_a_sleeve_that_grows_from_the_hem_belongs_at_the_shoulder_and_one_there_
 
 
 def test_a_decided_part_is_found_again_on_a_shape_that_was_turned_and_floats() -> None:
-    cloth = sheet(20, 30, weak_after=9)
+    cloth = weakly_joined(20, 30, weak_after=9)
     part = cloth.uv_m[:, 0] < 0.114
     taken = decided_part(cloth, part, 0.3, taken_off=True)
     turned = dataclasses.replace(cloth, uv_m=Rigid2(1.0, 0.3, 0.2).apply(cloth.uv_m))

@@ -51,8 +51,7 @@ def cylinder() -> FlattenedView:
 
 
 def empty() -> FlattenedView:
-    view = cylinder()
-    return FlattenedView(**{**view.__dict__, "valid": np.zeros_like(view.valid)})
+    return replace(cylinder(), valid=np.zeros((ROWS, COLS), dtype=bool))
 
 
 def test_a_pixel_gives_the_point_of_the_closed_form() -> None:
@@ -116,18 +115,11 @@ LAYERS = np.array([[0.0, 0, 1.2], [0.0, 0, 0.8], [0.3, 0, 0.8], [math.nan, 0, 0.
         (LAYERS, (0.3, 0.0, 0.8), 2),
         (LAYERS, (0.0, 1.0, 0.0), None),
         (np.zeros((0, 3)), (0.0, 0.0, 1.0), None),
-        (
-            np.array([[0.004, 0, 0.800], [0.001, 0, 0.805]]),
-            (0.0, 0.0, 1.0),
-            1,
-        ),  # of one layer the nearest to it
+        (np.array([[0.004, 0, 0.800], [0.001, 0, 0.805]]), (0.0, 0.0, 1.0), 1),  # of one layer the nearest
     ],
 )
 def test_a_ray_meets_the_front_of_the_cloth(points, direction, met) -> None:
     assert point_on_ray(points, np.zeros(3), np.array(direction)) == met
-
-
-# --- poses ----------------------------------------------------------------------------------------
 
 
 def picked(view: FlattenedView, u_m: float, v_m: float, grip: Grip | None = None) -> GraspPose:
@@ -185,19 +177,19 @@ def test_a_hole_and_another_piece_of_cloth_are_no_outline() -> None:
     valid = view.valid.copy()
     valid[:, 30:] = False
     valid[12, 33:36] = True  # a shred of three pixels, nearer to (12, 29) than the upper edge
-    shred = FlattenedView(**{**view.__dict__, "valid": valid})
+    shred = replace(view, valid=valid)
     outline = nearest_outline(shred, (12, 29))
     assert outline.distance_m == 0.0
     np.testing.assert_allclose(outline.direction, [0, 1], atol=1e-6)
     lonely = np.zeros_like(valid)
     lonely[12, 33] = True
-    assert nearest_outline(FlattenedView(**{**view.__dict__, "valid": lonely}), (12, 33)) is None
+    assert nearest_outline(replace(view, valid=lonely), (12, 33)) is None
 
 
 def test_a_slanted_outline_gives_its_slant_and_a_corner_is_told_to_be_unsure() -> None:
     fine = flat_sheet(rows=120, cols=120)
     rows, cols = np.mgrid[0:120, 0:120]
-    slanted = FlattenedView(**{**fine.__dict__, "valid": rows > 30 + 0.5 * cols})
+    slanted = replace(fine, valid=rows > 30 + 0.5 * cols)
     outline = nearest_outline(slanted, (70, 60))
     angle_deg = math.degrees(math.atan2(outline.direction[1], outline.direction[0]))
     assert angle_deg == pytest.approx(math.degrees(math.atan(0.5)), abs=1.5)
@@ -231,12 +223,8 @@ def test_the_axis_by_hand_is_a_direction_in_space_that_stays_when_the_plane_turn
     here = np.array([0.06, 0.06, 0.8])
     axis = axis_by_hand(view, here, 30.0)
     np.testing.assert_allclose(axis, [math.cos(math.radians(30)), 0.5, 0], atol=1e-6)
-    turned = FlattenedView(  # the same sheet, laid down a quarter turn further
-        **{
-            **view.__dict__,
-            **{name: np.rot90(getattr(view, name)).copy() for name in ("xyz_m", "normal", "valid")},
-        }
-    )
+    quarter = {name: np.rot90(getattr(view, name)).copy() for name in ("xyz_m", "normal", "valid")}
+    turned = replace(view, **quarter)  # the same sheet, laid down a quarter turn further
     pose = picked_at(turned, here, Grip(axis_held=axis))
     assert pose.axis_from == "hand"
     np.testing.assert_allclose(pose.object_from_grasp.rotation[:, 0], axis, atol=1e-6)
@@ -255,9 +243,8 @@ def test_an_axis_that_is_no_axis_is_refused() -> None:
     with pytest.raises(FlatclothError, match="too little cloth"):
         axis_by_hand(view, np.array([0.06, 0.06, 0.9]), 0.0)
     # One that points along the approach cannot be laid across it: the outline serves instead.
-    assert (
-        picked_at(view, np.array([0.01, 0.06, 0.8]), Grip(axis_held=(0.0, 0.0, 1.0))).axis_from == "outline"
-    )
+    along = picked_at(view, np.array([0.01, 0.06, 0.8]), Grip(axis_held=(0.0, 0.0, 1.0)))
+    assert along.axis_from == "outline"
 
 
 def test_a_pick_that_is_not_on_the_shape_has_a_level_axis_and_no_uncertainty() -> None:

@@ -1,12 +1,7 @@
-from functools import partial
-
 import numpy as np
 import pytest
-from sheet_runs import STEPS, done, errors_m
-from sheet_runs import integration as sheet_integration
+from sheet_runs import STEPS, done, errors_m, integration, shared
 
-from flatcloth.core.config import Config
-from flatcloth.core.errors import SurfaceError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
@@ -22,12 +17,10 @@ from flatcloth.session.machine import (
     apply,
 )
 
-integration = partial(sheet_integration, "robust")
-
 
 @pytest.fixture(scope="module")
 def finished() -> tuple[Integration, SessionState, Run]:
-    made = integration()
+    made = integration("robust")
     run = Run(made, MemorySession(SessionState(len(STEPS))))
     return made, run.finish(), run
 
@@ -36,6 +29,7 @@ def test_the_whole_sheet_comes_out_to_a_millimetre(finished: tuple[Integration, 
     made, state, _ = finished
     view = made.canonical(state.document).view
     assert state.phase is Phase.FINISHED
+    assert state.document.finished.startswith(("No other view", "No view is left"))
     assert view.area_m2 == pytest.approx(np.radians(200) * 0.12 * 0.2, rel=0.05)
     assert np.percentile(errors_m(view), 95) < 0.001
 
@@ -64,8 +58,8 @@ def test_every_decision_of_the_run_is_told(finished: tuple[Integration, SessionS
 
 
 def test_a_proposal_tells_its_score_and_the_cameras() -> None:
-    made = integration()
-    state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+    made = shared("robust")
+    state = done(made, SessionState(len(STEPS)), Start(0), Propose(2))
     pending = state.document.pending
     score = made.proposal(state.document).alignment.score
     assert score.total == pytest.approx(pending.score)
@@ -78,31 +72,7 @@ def test_a_proposal_tells_its_score_and_the_cameras() -> None:
 
 @pytest.mark.parametrize("by", [Rigid2(0, 0.03, 0), Rigid2(0, 0, 0.03), Rigid2(0.3, 0, 0)])
 def test_a_wrong_placement_scores_low_and_is_refused(by: Rigid2) -> None:
-    made = integration()
-    state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+    made = shared("robust")
+    state = done(made, SessionState(len(STEPS)), Start(0), Propose(2))
     moved = apply(state, Nudge(2, by))
     assert made.score(moved.document).total < made.accept_score < made.score(state.document).total
-
-
-def test_a_view_of_other_cloth_is_told_apart() -> None:
-    made = integration(span_deg=(-60.0, 60.0))
-    state = done(made, SessionState(len(STEPS)), Start(0))
-    state = apply(state, Propose(9))  # the back: nothing of the side of interest
-    assert state.request is not None
-    with pytest.raises(SurfaceError, match="View 9: no pixel of it shows the side of interest"):
-        made.answer(state.document, state.request)
-
-
-def test_a_placement_by_hand_is_kept_against_what_space_says() -> None:
-    made = integration()
-    state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))
-    moved = apply(apply(state, Nudge(2, Rigid2(0, 0.05, 0))), Accept(2))
-    right = apply(state, Accept(2))
-    shifted, straight = made.canonical(moved.document).view, made.canonical(right.document).view
-    assert abs(shifted.area_m2 - straight.area_m2) == pytest.approx(0.05 * 0.2, rel=0.2)
-
-
-def test_a_run_ends_when_no_view_promises_more() -> None:
-    state = Run(integration(Config()), MemorySession(SessionState(len(STEPS)))).finish()
-    assert len(state.document.used_views) > 2
-    assert state.document.finished.startswith(("No other view", "No view is left"))

@@ -105,45 +105,42 @@ def test_the_views_looked_at_are_spread_over_the_turn() -> None:
     assert {100, 101, 102} <= set(crowded)
 
 
-@pytest.mark.parametrize(
-    "truth", [axis(x=-0.06, z=0.80), axis(pitch_deg=20.0), axis(pitch_deg=-15.0, roll_deg=6.0)]
-)
-def test_the_axis_of_exact_views_is_found(truth: RotationAxis) -> None:
-    found = hanging(Spheres(truth))
-    distance, angle = axis_errors(found.axis, truth)
-    assert distance < 0.001
-    assert angle < 0.2
-    assert found.axis.estimated
-    assert "estimated from 18 views" in found.notes[0]
+TURN = tuple(20.0 * n for n in range(18))
+OFF = tuple(a + e for a, e in zip(TURN, np.random.default_rng(3).normal(0.0, 1.0, 18), strict=True))
 
 
 @pytest.mark.parametrize(
-    "angles_deg",
+    ("views", "most_m", "most_deg"),
     [
-        tuple(40.0 * n for n in range(9)),
-        tuple(-60.0 * n for n in range(6)),
-        (0.0, 20.0, 40.0),
-        (350.0, 0.0, 25.0, 60.0, 90.0),
+        (Spheres(axis(x=-0.06, z=0.80)), 0.001, 0.2),
+        (Spheres(axis(pitch_deg=20.0)), 0.001, 0.2),
+        (Spheres(axis(pitch_deg=-15.0, roll_deg=6.0)), 0.001, 0.2),
+        (Spheres(axis(), wall_m=1.6), 0.001, 0.2),
+        (Spheres(axis(), TURN, OFF), 0.005, 1.0),
+        (Spheres(axis(), tuple(40.0 * n for n in range(9))), 0.004, 1.0),
+        (Spheres(axis(), tuple(-60.0 * n for n in range(6))), 0.004, 1.0),
+        (Spheres(axis(), (0.0, 20.0, 40.0)), 0.004, 1.0),
+        (Spheres(axis(), (350.0, 0.0, 25.0, 60.0, 90.0)), 0.004, 1.0),
+    ],
+    ids=[
+        "beside",
+        "pitched",
+        "rolled",
+        "a wall",
+        "angles off by a degree",
+        "40",
+        "-60",
+        "three views",
+        "uneven",
     ],
 )
-def test_any_spacing_of_the_views_up_to_60_degrees_will_do(angles_deg: tuple[float, ...]) -> None:
-    distance, angle = axis_errors(hanging(Spheres(axis(), angles_deg)).axis, axis())
-    assert distance < 0.004
-    assert angle < 1.0
-
-
-def test_what_is_behind_the_item_is_not_taken_for_it() -> None:
-    distance, _ = axis_errors(hanging(Spheres(axis(), wall_m=1.6)).axis, axis())
-    assert distance < 0.001
-
-
-def test_angles_that_err_by_a_degree_are_borne() -> None:
-    rng = np.random.default_rng(3)
-    angles = tuple(20.0 * n for n in range(18))
-    truly = tuple(a + rng.normal(0.0, 1.0) for a in angles)
-    distance, angle = axis_errors(hanging(Spheres(axis(), angles, truly)).axis, axis())
-    assert distance < 0.005
-    assert angle < 1.0
+def test_the_axis_of_exact_views_is_found(views: Spheres, most_m: float, most_deg: float) -> None:
+    found = hanging(views)
+    distance, angle = axis_errors(found.axis, views.turns_about)
+    assert distance < most_m
+    assert angle < most_deg
+    assert found.axis.estimated
+    assert f"estimated from {len(views)} views" in found.notes[0]
 
 
 def test_the_held_point_is_the_top_of_the_item() -> None:
@@ -183,8 +180,7 @@ def test_one_view_gives_the_vertical_through_the_top() -> None:
 
 
 def test_views_turned_the_other_way_are_recognised() -> None:
-    angles = tuple(20.0 * n for n in range(18))
-    found = hanging(Spheres(axis(), angles, tuple(-a for a in angles)))
+    found = hanging(Spheres(axis(), TURN, tuple(-a for a in TURN)))
     assert "other direction of rotation" in found.notes[0]
     np.testing.assert_array_equal(found.axis.direction, [0.0, -1.0, 0.0])
 

@@ -31,30 +31,14 @@ def exact() -> Integration:
     return Integration(Cylinder(angles_deg=ANGLES, span_deg=(-80.0, 80.0)))
 
 
-def test_views_whose_rotation_is_right_stay_where_they_are(exact: Integration) -> None:
-    found = registered(exact)
-    for pose, known in zip(found.object_from_camera, found.known, strict=True):
-        np.testing.assert_allclose(pose.rotation, known.rotation, atol=2e-3)
-        np.testing.assert_allclose(pose.translation_m, known.translation_m, atol=2e-3)
-    robust = exact.algorithm
+def test_views_that_are_confirmed_stand_as_recorded_to_the_last_bit(exact):
+    robust, found = exact.algorithm, registered(exact)
     assert isinstance(robust, RobustMethod)
     for pose, known in zip(robust.seen.poses((0, 1, 2)), found.known, strict=True):
         np.testing.assert_array_equal(pose.translation_m, known.translation_m)
 
 
-def test_each_view_says_what_was_changed_and_how_sure_that_is(exact: Integration) -> None:
-    views = registered(exact).views
-    assert [v.view_index for v in views] == [0, 1, 2]
-    for view in views[1:]:
-        assert abs(view.turned_deg) < 0.5
-        assert view.moved_m < 0.002
-        assert (view.std_m > 0).all()
-        assert (view.std_deg > 0).all()
-
-
-def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_confirmed(
-    exact: Integration,
-) -> None:
+def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_confirmed(exact):
     found = registered(exact)
     features = features_of_views(exact, (0, 2))
     other = register(features, exact.axis, exact.views.held_point_m, confirmed=found)
@@ -65,14 +49,7 @@ def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_conf
     assert [view.view_index for view in other.views] == [0, 2]  # with deviations
 
 
-def test_a_view_with_nothing_in_common_stays_and_says_so(exact: Integration) -> None:
-    made = Integration(Cylinder(angles_deg=(0.0, 120.0), span_deg=(-150.0, 60.0)))
-    found = registered(made, (0, 1))
-    assert found.pairs == ()
-    assert found.views[1].moved_m < 1e-4
-
-
-def test_two_views_are_compared_about_the_middle_between_what_they_show(exact: Integration) -> None:
+def test_two_views_are_compared_about_the_middle_between_what_they_show(exact):
     found = registered(exact)
     assert found.pairs
     for pair in found.pairs:
@@ -81,17 +58,13 @@ def test_two_views_are_compared_about_the_middle_between_what_they_show(exact: I
         np.testing.assert_allclose(pair.center_m, np.mean(middles, axis=0))
 
 
-def test_without_pairs_nothing_is_surprising(exact: Integration) -> None:
-    assert registered(exact, (0,)).surprises.shape == (0,)
-
-
 def _bytes(found: Registered) -> list[bytes]:
     poses = [(pose.rotation.tobytes(), pose.translation_m.tobytes()) for pose in found.object_from_camera]
     return [*itertools.chain(*poses), found.posterior.tobytes(), found.common.tobytes(), found.stds.tobytes()]
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
-def test_views_added_in_any_order_are_registered_alike(exact: Integration, order: tuple[int, ...]) -> None:
+def test_views_added_in_any_order_are_registered_alike(exact, order):
     fits: Fits = {}
     features = features_of_views(exact, (0, 1, 2))
     for count in range(1, 4):
@@ -101,9 +74,7 @@ def test_views_added_in_any_order_are_registered_alike(exact: Integration, order
     assert found.view_indices == (0, 1, 2)
 
 
-def test_a_view_is_compared_with_the_nearest_on_either_side_and_one_further_away(
-    exact: Integration, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_view_is_compared_with_the_nearest_on_either_side_and_one_further_away(exact, monkeypatch):
     (one,) = features_of_views(exact, (0,))
     monkeypatch.setattr(cameras, "fit_pair", lambda *_: None)
 
@@ -121,7 +92,7 @@ def test_a_view_is_compared_with_the_nearest_on_either_side_and_one_further_away
     assert compared(0.0) == set()
 
 
-def test_a_pair_is_compared_once(exact: Integration, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pair_is_compared_once(exact, monkeypatch):
     fits: Fits = {}
     first, second, third = features_of_views(exact, (0, 1, 2))
     register([first, second, third], exact.axis, exact.views.held_point_m, fits)
@@ -130,7 +101,7 @@ def test_a_pair_is_compared_once(exact: Integration, monkeypatch: pytest.MonkeyP
     register([first, second, third], exact.axis, exact.views.held_point_m, fits)
 
 
-def test_many_views_need_the_memory_of_a_few_matrices_not_of_one_for_each_grade(exact: Integration) -> None:
+def test_many_views_need_the_memory_of_a_few_matrices_not_of_one_for_each_grade(exact):
     few = registered(exact)
     n = 200
     many = replace(

@@ -244,6 +244,7 @@ def test_views_with_too_little_in_common_stay() -> None:
         np.testing.assert_allclose(pose.rotation, known.rotation, atol=1e-12)
         np.testing.assert_allclose(pose.translation_m, known.translation_m, atol=1e-12)
     assert describe(found).startswith("No two views")
+    assert found.surprises.shape == (0,)
 
 
 def test_a_lone_view_stands_where_the_axis_that_the_others_found_puts_it() -> None:

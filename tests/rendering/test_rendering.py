@@ -55,9 +55,6 @@ def test_views_that_do_not_meet_have_nothing_in_common():
     assert np.isnan(found.color).all()
 
 
-# --- small pictures -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("count", [1, 2, 256, 257])
 def test_a_small_picture_is_exact_where_it_is_opaque_and_smaller_than_a_png(count: int) -> None:
     random = np.random.default_rng(count)
@@ -68,9 +65,6 @@ def test_a_small_picture_is_exact_where_it_is_opaque_and_smaller_than_a_png(coun
     made = webp_of(pixels)
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(made)).convert("RGBA")), pixels)
     assert len(made) < len(png(pixels))
-
-
-# --- sides ----------------------------------------------------------------------------------------
 
 
 SIDE = np.array([[1, -1, 2], [0, 0, 0]], dtype=np.int8)

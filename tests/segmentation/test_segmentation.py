@@ -20,8 +20,8 @@ VIEWS = plate()
 MIDDLE = ((119.0, 119.0),)
 
 
-def solver_of(views, **how):
-    return SideSolver(gather_evidence([view.frame for view in views], AXIS, TOP_M, Config(), **how))
+def solver_of(views):
+    return SideSolver(gather_evidence([view.frame for view in views], AXIS, TOP_M, Config()))
 
 
 @pytest.fixture(scope="module")
@@ -67,15 +67,25 @@ def test_front_and_back_lie_a_thickness_apart_and_on_opposite_sides(solver):
     assert gap == pytest.approx(THICKNESS_M, abs=2e-4)
 
 
+def on_cloth(towards):
+    """A stroke on the cloud or the canvas, by the cloth's normal: on the front, -1, or on the back, 1."""
+    return SpaceStroke(side="this", points_m=(tuple(AXIS.point_m),), normals=((0.0, 0.0, towards),))
+
+
 def test_a_stroke_says_which_side_is_of_interest_and_undo_is_exact(solver):
     before = solver.solve(())
-    back = solver.solve((stroke(view=9),))
-    for n in range(18):
-        alike = np.array_equal(back.mask(n), before.mask(n))
-        assert (back.mask_key(n) == before.mask_key(n)) == alike
-    right, _ = shares(back)
-    assert right < 0.001
-    assert shares(solver.solve((stroke(view=0),)))[0] > 0.999
+    for strokes, on_front in (
+        ((stroke(view=9),), False),
+        ((stroke(view=0),), True),
+        ((on_cloth(1.0),), False),
+        ((on_cloth(-1.0),), True),
+    ):
+        found = solver.solve(strokes)
+        right, _ = shares(found)
+        assert right > 0.999 if on_front else right < 0.001
+        for n in range(18):
+            alike = np.array_equal(found.mask(n), before.mask(n))
+            assert (found.mask_key(n) == before.mask_key(n)) == alike
     assert solver.solve(()) is before
 
 
@@ -104,40 +114,31 @@ def test_where_the_start_view_shows_an_inner_face_that_is_of_interest(solver):
     assert np.array_equal(with_inner_face(solver, front).solve(()).side == OF_INTEREST, front)
 
 
-def test_strokes_on_cloud_and_canvas_reach_the_layer_their_normal_means(solver):
-    z = AXIS.point_m[2]
-    on_back = SpaceStroke(side="this", points_m=((0.0, 0.0, z),), normals=((0.0, 0.0, 1.0),))
-    on_front = SpaceStroke(side="this", points_m=((0.0, 0.0, z),), normals=((0.0, 0.0, -1.0),))
-    assert shares(solver.solve((on_back,)))[0] < 0.001
-    assert shares(solver.solve((on_front,)))[0] > 0.999
-
-
-def test_a_stroke_that_agrees_changes_nothing(solver):
-    wanted = stroke(view=0)
-    once = solver.solve((wanted,))
-    twice = solver.solve((wanted, stroke(view=0, points=((100.0, 120.0),))))
-    assert np.array_equal(once.side, twice.side)
-    assert twice.changed.startswith("The last decision changed 0 cm2 in 0 views")
-    assert [twice.mask_key(n) for n in range(18)] == [once.mask_key(n) for n in range(18)]
-    assert twice.conflicts == ()
-
-
-def test_a_stroke_that_contradicts_an_earlier_one_holds_and_says_so(solver):
-    found = solver.solve((stroke("this"), stroke("other")))
-    (conflict,) = found.conflicts
+def test_a_stroke_that_agrees_changes_nothing_and_one_that_contradicts_holds_and_says_so(solver):
+    once, agreed, contradicted, elsewhere = (
+        solver.solve(strokes)
+        for strokes in (
+            (stroke(),),
+            (stroke(), stroke(points=((100.0, 120.0),))),
+            (stroke(), stroke("other")),
+            (stroke(), stroke("other", points=((80.0, 140.0),))),
+        )
+    )
+    assert np.array_equal(once.side, agreed.side)
+    assert agreed.changed.startswith("The last decision changed 0 cm2 in 0 views")
+    assert [agreed.mask_key(n) for n in range(18)] == [once.mask_key(n) for n in range(18)]
+    assert agreed.conflicts == ()
+    (conflict,) = contradicted.conflicts
     assert "Decisions 1 and 2 contradict each other" in conflict
-    row, col = np.array(MIDDLE[0], dtype=int) - found.view(0).offset_rc
-    assert found.view(0).side[row, col] == OTHER
 
+    def side_at(found, point):
+        view = found.view(0)
+        return view.side[tuple(np.array(point, dtype=int) - view.offset_rc)]
 
-def test_a_later_stroke_never_turns_an_earlier_one_over(solver):
-    first, second = stroke("this"), stroke("other", points=((80.0, 140.0),))
-    found = solver.solve((first, second))
-    view = found.view(0)
-    for made, side in ((first, OF_INTEREST), (second, OTHER)):
-        row, col = np.array(made.points_rc[0], dtype=int) - view.offset_rc
-        assert view.side[row, col] == side
-    assert "sure before" in found.changed
+    assert side_at(contradicted, MIDDLE[0]) == OTHER
+    # A later stroke elsewhere never turns an earlier one over.
+    assert (side_at(elsewhere, MIDDLE[0]), side_at(elsewhere, (80.0, 140.0))) == (OF_INTEREST, OTHER)
+    assert "sure before" in elsewhere.changed
 
 
 def test_cloth_beyond_a_cut_is_not_of_interest(solver):
@@ -210,12 +211,9 @@ def test_noise_like_a_sensors_does_not_mix_the_layers():
     assert recall > 0.93
 
 
-# ---------------------------------------------------------------- the item
-
-
 def test_what_does_not_turn_and_what_lies_above_the_held_point_is_cut_off_and_told():
     views = plate(still_box=True, gripper=True)
-    observed = gather_evidence([view.frame for view in views], AXIS, TOP_M, Config())
+    observed = solver_of(views).observed
     kinds = {cut.kind for cut in observed.cut_off}
     assert "gripper" in kinds
     for n, view in enumerate(views):
@@ -259,20 +257,14 @@ def test_background_is_told_with_its_area():
 
 
 def test_two_items_side_by_side_are_refused():
-    views = plate(beside_m=0.19)
     with pytest.raises(SegmentationError, match=r"View \d+: two items hang side by side"):
-        gather_evidence([view.frame for view in views], AXIS, TOP_M, Config())
+        solver_of(plate(beside_m=0.19))
 
 
 def test_an_empty_foreground_is_refused():
     empty = [replace(view.frame, depth_m=np.zeros_like(view.frame.depth_m)) for view in VIEWS[:2]]
     with pytest.raises(SegmentationError, match="the foreground is empty"):
         gather_evidence(empty, AXIS, TOP_M, Config())
-
-
-def test_one_view_is_enough():
-    found = solver_of(VIEWS[:1]).solve(())
-    assert shares(found, VIEWS[:1])[0] == 1.0
 
 
 def test_some_views_of_a_recording_keep_their_numbers(solver):
@@ -290,3 +282,4 @@ def test_some_views_of_a_recording_keep_their_numbers(solver):
         some.solve((stroke(view=1),))
     with pytest.raises(SegmentationError, match="same view number"):
         solver_of([VIEWS[0], VIEWS[0]])
+    assert shares(solver_of(VIEWS[:1]).solve(()), VIEWS[:1])[0] == 1.0

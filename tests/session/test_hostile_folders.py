@@ -17,10 +17,7 @@ from flatcloth.core.types import Rigid2
 from flatcloth.export.history import read_history
 from flatcloth.session.document import PlacedPart
 from flatcloth.session.journal import encode
-from flatcloth.session.machine import Command, Event, Nudge, Propose, Proposed, Start, Started, Undo, apply
-
-# --- while it is open -----------------------------------------------------------------------------
-
+from flatcloth.session.machine import Nudge, Propose, Proposed, Start, Started, Undo, apply
 
 HARMS: dict[str, Callable[[Path], object]] = {
     "removed": shutil.rmtree,
@@ -33,7 +30,7 @@ HARMS: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("harm", HARMS)
-def test_no_decision_is_lost_when_the_journal_is_taken_away(place: Path, harm: str) -> None:
+def test_no_decision_is_lost_when_the_journal_is_taken_away(place, harm):
     folder = played_in(place, SCRIPT[:6])
     pick = folder.add_pick("cuff", np.zeros(3), np.ones(3), 0, (1.0, 2.0))
     HARMS[harm](place)
@@ -52,7 +49,7 @@ def test_no_decision_is_lost_when_the_journal_is_taken_away(place: Path, harm: s
     again.close()
 
 
-def test_a_second_harm_leads_to_another_fresh_folder(place: Path) -> None:
+def test_a_second_harm_leads_to_another_fresh_folder(place):
     folder = opened(place)
     for step in SCRIPT[:2]:
         folder.record(step)
@@ -63,9 +60,7 @@ def test_a_second_harm_leads_to_another_fresh_folder(place: Path) -> None:
     folder.close()
 
 
-def test_where_there_is_no_room_for_a_fresh_folder_the_decision_is_refused(
-    place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_there_is_no_room_for_a_fresh_folder_the_decision_is_refused(place, monkeypatch):
     folder = opened(place)
     folder.record(SCRIPT[0])
     shutil.rmtree(place)
@@ -80,7 +75,7 @@ def test_where_there_is_no_room_for_a_fresh_folder_the_decision_is_refused(
     folder.close()
 
 
-def test_deleting_the_lock_lets_no_second_process_in(place: Path) -> None:
+def test_deleting_the_lock_lets_no_second_process_in(place):
     folder = played_in(place)
     (place / "session.lock").unlink()
     with pytest.raises(JournalError, match="open in another flatcloth"):
@@ -90,14 +85,9 @@ def test_deleting_the_lock_lets_no_second_process_in(place: Path) -> None:
     opened(place).close()
 
 
-# --- what somebody else prepared ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("link", [os.symlink, os.link])
 @pytest.mark.parametrize("name", ["session.lock", "journal.jsonl"])
-def test_a_link_in_a_session_folder_is_not_written_through(
-    place: Path, tmp_path: Path, name: str, link: Callable[[Path, Path], None]
-) -> None:
+def test_a_link_in_a_session_folder_is_not_written_through(place, tmp_path, name, link):
     mine = tmp_path / "mine.txt"
     mine.write_text("precious\n")
     opened(place).close()
@@ -112,7 +102,7 @@ def test_a_link_in_a_session_folder_is_not_written_through(
 @pytest.mark.parametrize(
     "name", [".session.json.partial", ".summary.json.partial", ".grips.json.partial", "session.json.new"]
 )
-def test_a_draft_that_is_a_link_is_not_written_through(place: Path, tmp_path: Path, name: str) -> None:
+def test_a_draft_that_is_a_link_is_not_written_through(place, tmp_path, name):
     mine = tmp_path / "mine.txt"
     mine.write_text("precious\n")
     place.mkdir()
@@ -123,7 +113,7 @@ def test_a_draft_that_is_a_link_is_not_written_through(place: Path, tmp_path: Pa
     assert mine.read_text() == "precious\n"
 
 
-def test_a_pipe_or_device_in_place_of_a_file_does_not_block(place: Path) -> None:
+def test_a_pipe_or_device_in_place_of_a_file_does_not_block(place):
     place.mkdir()
     os.mkfifo(place / "session.lock")
     with pytest.raises(JournalError, match=r"session\.lock: "):
@@ -132,12 +122,12 @@ def test_a_pipe_or_device_in_place_of_a_file_does_not_block(place: Path) -> None
         open_own(Path("/dev/null"), os.O_RDWR)
 
 
-def test_nobody_else_reads_a_session(place: Path) -> None:
+def test_nobody_else_reads_a_session(place):
     opened(place).close()
     assert place.stat().st_mode & 0o077 == 0
 
 
-def test_a_folder_of_another_user_is_told(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_of_another_user_is_told(place, monkeypatch):
     opened(place).close()
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     folder = opened(place)
@@ -146,7 +136,7 @@ def test_a_folder_of_another_user_is_told(place: Path, monkeypatch: pytest.Monke
     folder.close()
 
 
-def test_a_write_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
     (tmp_path / "cloud.ply").write_text("old")
 
     monkeypatch.setattr(os, "fsync", full)
@@ -155,11 +145,8 @@ def test_a_write_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: p
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"cloud.ply": "old"}
 
 
-# --- numbers that no garment has ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("by", [Rigid2(0.0, 11.0, 0.0), Rigid2(0.0, 1e9, 0.0), Rigid2(0.0, 0.0, -1e308)])
-def test_a_view_cannot_be_moved_to_where_no_garment_reaches(place: Path, by: Rigid2) -> None:
+def test_a_view_cannot_be_moved_to_where_no_garment_reaches(place, by):
     folder = played_in(place, SCRIPT[:4])
     before = (place / "journal.jsonl").read_bytes()
     with pytest.raises(OutOfBoundsError, match=r"a garment.s plane reaches 10 m\. Move it by less"):
@@ -189,15 +176,13 @@ FAR = Rigid2(0.0, 1e5, 0.0)
     ],
     ids=repr,
 )  # fmt: skip
-def test_no_answer_is_about_a_view_that_does_not_exist_or_lies_beyond_any_plane(
-    answer: tuple[Command | Event, ...],
-) -> None:
+def test_no_answer_is_about_a_view_that_does_not_exist_or_lies_beyond_any_plane(answer):
     state = after(Start(), *answer[:-1], n_views=36)
     with pytest.raises(OutOfBoundsError):
         apply(state, answer[-1])
 
 
-def test_a_journal_with_an_absurd_number_is_refused_by_its_line(place: Path) -> None:
+def test_a_journal_with_an_absurd_number_is_refused_by_its_line(place):
     played_in(place, SCRIPT[:5]).close()
     journal = place / "journal.jsonl"
     link = int(json.loads(journal.read_bytes().splitlines()[-1])["crc"], 16)

@@ -1,7 +1,6 @@
 """The journal: what is on disk after every decision, and what comes back from it."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,15 +21,12 @@ from flatcloth.session.garment import (
 from flatcloth.session.journal import Pick, PickDeleted, PickRenamed, decode, encode
 from flatcloth.session.machine import (
     AcceptAll,
-    Command,
-    Event,
     LeaveOut,
     Nudge,
     Phase,
     Propose,
     Proposed,
 )
-from flatcloth.session.store import SessionFolder
 
 
 def plain(pick: Pick) -> tuple[object, ...]:
@@ -67,12 +63,12 @@ ALSO = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.
     ],
     ids=lambda entry: type(entry).__name__,
 )
-def test_the_journal_gives_back_every_kind_of_entry(entry: Command | Event) -> None:
+def test_the_journal_gives_back_every_kind_of_entry(entry):
     line, _ = encode(3, entry)
     assert decode(3, line.rstrip(b"\n")).entry == entry
 
 
-def test_a_computation_in_flight_is_given_up_on_resuming_and_the_session_goes_on(place: Path) -> None:
+def test_a_computation_in_flight_is_given_up_on_resuming_and_the_session_goes_on(place):
     folder = played_in(place, SCRIPT[:7])
     assert folder.state.phase is Phase.COMPUTING
     folder.close()
@@ -102,11 +98,11 @@ def test_a_computation_in_flight_is_given_up_on_resuming_and_the_session_goes_on
         (lambda lines: [*lines[:3], lines[3].replace(b"theta_rad", b"theta_deg")], "line 4 is damaged"),
         (lambda lines: [*lines[:3], lines[3].replace(b'"right"', b'"up"')], "line 4 is damaged"),
         (lambda lines: [*lines, b""], "line 13 is damaged"),
+        (lambda lines: [*lines[:4], lines[5], lines[4], *lines[6:]], "line 5 is damaged .it is numbered 6"),
+        (lambda lines: [*lines[:5], *lines[4:]], "line 6 is damaged .it is numbered 5"),
     ],
 )
-def test_damage_before_the_end_is_named_by_its_line(
-    played: SessionFolder, place: Path, change: object, cause: str
-) -> None:
+def test_damage_before_the_end_is_named_by_its_line(played, place, change, cause):
     played.close()
     lines = (place / "journal.jsonl").read_bytes().splitlines()
     damaged = b"".join(line + b"\n" for line in change(lines))  # type: ignore[operator]
@@ -119,7 +115,7 @@ def test_damage_before_the_end_is_named_by_its_line(
         opened(place)
 
 
-def test_numbers_and_names_that_cannot_be_read_back_are_refused(place: Path) -> None:
+def test_numbers_and_names_that_cannot_be_read_back_are_refused(place):
     folder = played_in(place, SCRIPT[:3])
     before = (place / "journal.jsonl").read_bytes()
     with pytest.raises(JournalError, match="not finite"):
@@ -131,10 +127,7 @@ def test_numbers_and_names_that_cannot_be_read_back_are_refused(place: Path) -> 
     folder.close()
 
 
-# --- damage -----------------------------------------------------------------------------------------
-
-
-def test_every_changed_byte_is_noticed(played: SessionFolder, place: Path) -> None:
+def test_every_changed_byte_is_noticed(played, place):
     played.close()
     journal = place / "journal.jsonl"
     data = journal.read_bytes()
@@ -149,7 +142,7 @@ def test_every_changed_byte_is_noticed(played: SessionFolder, place: Path) -> No
 
 
 @pytest.mark.parametrize("mine", [0, 7])
-def test_lines_of_another_session_are_noticed(played: SessionFolder, place: Path, mine: int) -> None:
+def test_lines_of_another_session_are_noticed(played, place, mine):
     played.close()
     lines = (place / "journal.jsonl").read_bytes().splitlines(keepends=True)
     other = place.with_name("other")
@@ -161,9 +154,7 @@ def test_lines_of_another_session_are_noticed(played: SessionFolder, place: Path
 
 
 @pytest.mark.parametrize("script", [SCRIPT, AGAIN])
-def test_a_journal_cut_anywhere_resumes_to_what_was_whole_and_goes_on(
-    place: Path, script: tuple[Command | Event, ...]
-) -> None:
+def test_a_journal_cut_anywhere_resumes_to_what_was_whole_and_goes_on(place, script):
     """As of a program that was killed; of each line the first, the middle and the last bytes are tried."""
     played_in(place, script).close()
     data = (place / "journal.jsonl").read_bytes()
@@ -183,10 +174,7 @@ def test_a_journal_cut_anywhere_resumes_to_what_was_whole_and_goes_on(
         begun += len(line)
 
 
-# --- picks ----------------------------------------------------------------------------------------
-
-
-def test_picks_are_added_renamed_deleted_and_restored(place: Path) -> None:
+def test_picks_are_added_renamed_deleted_and_restored(place):
     folder = opened(place)
     position, normal = np.array([0.1, -0.2, 0.85]), np.array([0.0, math.nan, -1.0])
     first = folder.add_pick("shoulder", position, normal, 3, (10.5, 20.25))
@@ -207,7 +195,7 @@ def test_picks_are_added_renamed_deleted_and_restored(place: Path) -> None:
     folder.close()
 
 
-def test_a_pick_that_is_not_in_the_list_is_refused(place: Path) -> None:
+def test_a_pick_that_is_not_in_the_list_is_refused(place):
     folder = opened(place)
     with pytest.raises(IllegalDecisionError, match="Pick 7 is not in the list"):
         folder.record(PickRenamed(7, "x"))

@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from full_disks import fill_disk
@@ -18,10 +17,8 @@ from flatcloth.session.header import default_session_folder
 from flatcloth.session.machine import Undo, apply
 from flatcloth.session.store import SessionFolder
 
-# --- what a folder belongs to ---------------------------------------------------------------------
 
-
-def test_a_session_of_another_recording_method_or_configuration_is_refused(place: Path) -> None:
+def test_a_session_of_another_recording_method_or_configuration_is_refused(place):
     opened(place).close()
     other = Config(planning=PlanningConfig(overlap_area_m2=0.05))
     for recording, config, method, cause in (
@@ -35,7 +32,7 @@ def test_a_session_of_another_recording_method_or_configuration_is_refused(place
     opened(place).close()
 
 
-def test_a_recording_that_moved_is_the_same(place: Path) -> None:
+def test_a_recording_that_moved_is_the_same(place):
     opened(place).close()
     SessionFolder.open(place, MemoryRecording(location="elsewhere"), Config(), "paper").close()
 
@@ -50,7 +47,7 @@ def test_a_recording_that_moved_is_the_same(place: Path) -> None:
         ({"config": {"planning": {"magic": 1}}}, "not valid.*magic"),
     ],
 )
-def test_a_header_that_cannot_be_understood_is_refused(place: Path, header: Any, cause: str) -> None:
+def test_a_header_that_cannot_be_understood_is_refused(place, header, cause):
     opened(place).close()
     file = place / "session.json"
     whole = header if isinstance(header, str) else json.dumps(json.loads(file.read_text()) | header)
@@ -60,24 +57,21 @@ def test_a_header_that_cannot_be_understood_is_refused(place: Path, header: Any,
     assert "\n" not in str(caught.value)
 
 
-def test_a_journal_without_its_header_is_refused(played: SessionFolder, place: Path) -> None:
+def test_a_journal_without_its_header_is_refused(played, place):
     played.close()
     (place / "session.json").unlink()
     with pytest.raises(JournalError, match="missing, but there is a journal"):
         opened(place)
 
 
-def test_a_folder_with_other_files_can_become_a_session(place: Path) -> None:
+def test_a_folder_with_other_files_can_become_a_session(place):
     place.mkdir()
     (place / "notes.txt").write_text("mine")
     opened(place).close()
     assert (place / "notes.txt").read_text() == "mine"
 
 
-# --- one writer, and disks that fail --------------------------------------------------------------
-
-
-def test_only_one_process_writes(played: SessionFolder, place: Path) -> None:
+def test_only_one_process_writes(played, place):
     with pytest.raises(JournalError, match=rf"open in another flatcloth .process {os.getpid()}"):
         opened(place)
     code = (
@@ -99,16 +93,14 @@ def test_only_one_process_writes(played: SessionFolder, place: Path) -> None:
     opened(place).close()
 
 
-def test_a_place_that_cannot_be_a_folder_is_refused(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_a_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/session")):
         with pytest.raises(JournalError, match="Choose a writable folder"):
             opened(folder)
 
 
-def test_a_full_disk_refuses_the_decision_and_leaves_the_journal_whole(
-    played: SessionFolder, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_refuses_the_decision_and_leaves_the_journal_whole(played, place, monkeypatch):
     before = (place / "journal.jsonl").read_bytes()
     fill_disk(monkeypatch)
     with pytest.raises(JournalError, match="No space left on device"):
@@ -121,9 +113,7 @@ def test_a_full_disk_refuses_the_decision_and_leaves_the_journal_whole(
     assert resumed(place) == apply(states()[-1], Undo())
 
 
-def test_each_line_is_on_the_disk_before_the_decision_counts(
-    played: SessionFolder, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_line_is_on_the_disk_before_the_decision_counts(played, place, monkeypatch):
     synced = []
     monkeypatch.setattr(os, "fsync", lambda _: synced.append((place / "journal.jsonl").read_bytes()))
     played.record(Undo())
@@ -131,17 +121,14 @@ def test_each_line_is_on_the_disk_before_the_decision_counts(
     assert json.loads(synced[-1].splitlines()[-1])["kind"] == "undo"
 
 
-def test_a_closed_session_takes_no_decision(played: SessionFolder) -> None:
+def test_a_closed_session_takes_no_decision(played):
     played.close()
     played.close()
     with pytest.raises(JournalError, match="closed"):
         played.record(Undo())
 
 
-# --- where sessions are kept ----------------------------------------------------------------------
-
-
-def test_default_folders_keep_apart_what_cannot_continue_each_other(state_home: Path) -> None:
+def test_default_folders_keep_apart_what_cannot_continue_each_other(state_home):
     other = Config(planning=PlanningConfig(overlap_area_m2=0.05))
     folders = [
         default_session_folder(RECORDING, "paper"),
@@ -157,13 +144,13 @@ def test_default_folders_keep_apart_what_cannot_continue_each_other(state_home: 
 
 
 @pytest.mark.parametrize("name", ["../../etc", "a/b", "..", "", "x" * 300, "Hemd grün"])
-def test_a_default_folder_lies_where_it_should_whatever_the_name(state_home: Path, name: str) -> None:
+def test_a_default_folder_lies_where_it_should_whatever_the_name(state_home, name):
     folder = default_session_folder(MemoryRecording(name=name), "paper")
     assert folder.resolve().parent == (state_home / "flatcloth" / "sessions").resolve()
     assert len(folder.name) < 80
 
 
-def test_without_a_state_home_the_users_own_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_state_home_the_users_own_is_taken(monkeypatch):
     for value in ("", "relative/place"):
         monkeypatch.setenv("XDG_STATE_HOME", value)
         expected = Path.home() / ".local" / "state" / "flatcloth" / "sessions"

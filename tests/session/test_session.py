@@ -231,9 +231,6 @@ def test_a_decision_that_is_not_allowed_says_why(steps: Steps, command: Command,
         apply(state, command)
 
 
-# --- where a view lies ------------------------------------------------------------------------------
-
-
 def test_nudges_add_up_on_the_plane_of_the_current_view_and_mark_the_placement_as_fixed() -> None:
     first, second = Rigid2(0.0, 0.01, 0.0), Rigid2(math.pi / 2, 0.0, 0.0)
     proposed = Proposed(2, 3, Rigid2(0.1, 0.2, 0.3), Side.LEFT, 0.8)

@@ -1,5 +1,6 @@
 """The laws of the session and its journal, over random histories."""
 
+import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -103,6 +104,8 @@ class Sessions(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
+        self.patched = pytest.MonkeyPatch()
+        self.patched.setattr(os, "fsync", lambda _: None)  # test_journal_folder.py has it
         self.place = Path(tempfile.mkdtemp())
         self.folder = self.open()
         self.state = SessionState(len(RECORDING))
@@ -112,6 +115,7 @@ class Sessions(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         self.folder.close()
+        self.patched.undo()
         shutil.rmtree(self.place)
 
     def do(self, step: Command | Event) -> None:

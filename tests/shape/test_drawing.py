@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import AXIS, CAMERA, Cylinder, box, frame, plane
+from scenes import AXIS, CAMERA, Cylinder, box, frame, placed_view, plane
 
-from flatcloth.core.config import Config, FlatteningConfig, SurfaceConfig
-from flatcloth.core.geometry import object_from_camera
+from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.types import FlattenedView
-from flatcloth.flattening.surface import Surface, observe_surface
 from flatcloth.shape.algorithm import as_decided, shape
 from flatcloth.shape.drawing import composite, draw, pixel_cost
 from flatcloth.shape.joints import DecidedParts
@@ -21,17 +19,14 @@ ANGLES = (0.0, 30.0)
 PIXEL_M = 0.002
 INTERVAL_PX = FlatteningConfig().sampling_intervals_px[-1]
 CYLINDER = Cylinder(angles_deg=ANGLES)
-SURFACES = {n: observe_surface(CYLINDER[n], AXIS, SurfaceConfig()) for n in range(2)}
+VIEWS = [placed_view(CYLINDER[n]) for n in range(2)]
+SURFACES = {n: view.surface for n, view in enumerate(VIEWS)}
 COSTS = {n: pixel_cost(surface) for n, surface in SURFACES.items()}
 
 
 @pytest.fixture(scope="module")
 def made() -> Shape:
-    views = [
-        PlacedView(surface=SURFACES[n], object_from_camera=object_from_camera(AXIS, angle))
-        for n, angle in enumerate(ANGLES)
-    ]
-    found = shape(views, INTERVAL_PX, 0)
+    found = shape(VIEWS, INTERVAL_PX, 0)
     # Upright and undistorted, but somewhere on the plane: moved to where the cylinder's own places are.
     shift = np.nanmean(CYLINDER.flat_uv_m(found.nodes.xyz_m) - found.uv_m, axis=0)
     return replace(found, all_uv_m=found.all_uv_m + shift)
@@ -86,7 +81,7 @@ def test_cloth_that_would_lie_mirrored_is_not_drawn_as_an_area(made: Shape, view
 def test_the_cost_is_the_noise_at_that_incidence() -> None:
     """Noise of a pair: a share seen frontally, and tan^2 of the incidence more; both fade in from the rim."""
     flat = plane(slope_x=0.5)
-    surface = observe_surface(frame(flat, box(0.08, flat)), AXIS, SurfaceConfig())
+    surface = placed_view(frame(flat, box(0.08, flat))).surface
     row, col = CAMERA.height // 2, CAMERA.width // 2
     offset = np.asarray(surface.frame.offset_rc)
     found = pixel_cost(surface)
@@ -147,18 +142,19 @@ def test_a_pixel_is_as_sure_as_the_node_nearest_to_it(made: Shape, view: Flatten
     assert np.median(seen[view.valid][u > 0.02]) == pytest.approx(0.009, abs=0.0002)
 
 
-def beside_a_layer(layer_m: float, *, noisy: bool) -> Surface:
+def beside_a_layer(layer_m: float, *, noisy: bool) -> PlacedView:
     """A sheet at 0.85 m whose left outline is beside a layer, all on one item."""
     depth, columns = plane(), np.arange(240)
     own = np.zeros(depth.shape, dtype=np.bool_)
     own[40:200, 120:200] = True
     beside = (columns >= 60) & (columns < 120)
     shown = np.where(own, depth, np.where(beside, layer_m, np.nan))
-    surface = observe_surface(frame(shown, own), AXIS, SurfaceConfig())
+    view = placed_view(frame(shown, own))
     # The item's mask has the farther layer, too; a nearer one may be anything.
     behind = np.where(beside & (layer_m > 0.85), np.float32(1.0 / layer_m), np.float32(0.0))
-    inverse = np.where(own, surface.inverse_depth, behind)
-    return replace(surface, noisy=noisy, noise_m=0.0005 if noisy else 0.0, inverse_depth=inverse)
+    inverse = np.where(own, view.surface.inverse_depth, behind)
+    noise_m = 0.0005 if noisy else 0.0
+    return replace(view, surface=replace(view.surface, noisy=noisy, noise_m=noise_m, inverse_depth=inverse))
 
 
 @pytest.mark.parametrize(
@@ -174,12 +170,10 @@ def beside_a_layer(layer_m: float, *, noisy: bool) -> Surface:
 def test_a_noisy_outline_next_to_another_layer_is_unsure_as_wide_as_depths_are_mixed(
     layer_m: float, *, noisy: bool, is_rim: bool
 ) -> None:
-    surface = beside_a_layer(layer_m, noisy=noisy)
-    made = shape(
-        [PlacedView(surface=surface, object_from_camera=object_from_camera(AXIS, 0.0))], INTERVAL_PX, 0
-    )
+    seen = beside_a_layer(layer_m, noisy=noisy)
+    made = shape([seen], INTERVAL_PX, 0)
     made = replace(made, std_m=np.where(made.placed, 0.001, np.nan))
-    view, _, _ = draw(made, {0: surface}, AXIS, Config(), {0: pixel_cost(surface)})
+    view, _, _ = draw(made, {0: seen.surface}, AXIS, Config(), {0: pixel_cost(seen.surface)})
     assert view.placement_std_m is not None
     columns, unsure = view.source_rc[..., 1], view.placement_std_m > 0.011
     at_rim = view.valid & (columns < 122.5)

@@ -184,14 +184,6 @@ def test_noise_of_lengths_turns_a_hinge_by_less_than_a_degree() -> None:
     assert abs(np.degrees(np.angle(down / along)) - 90.0) < 1.0
 
 
-def test_noise_that_views_do_not_share_averages_out() -> None:
-    random = np.random.default_rng(0)
-    graph = exact_graph(UV)
-    noise_m = 0.0003 * random.standard_normal((2, len(graph.pairs)))
-    one = laid(replace(graph, length_m=graph.length_m + noise_m[0]))
-    assert 1e-6 < off_m(places_of(one.z), UV) < 0.001
-
-
 def test_the_layout_is_the_same_for_turned_frames_a_turned_item_and_renumbered_nodes() -> None:
     random = np.random.default_rng(2)
     uv, _ = plates(neck=3, gap=4)

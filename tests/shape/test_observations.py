@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_up_sheets import STILL, grid, nodes_at, observed
-from scenes import AXIS, CAMERA, Cylinder, box, frame, plane, rays
+from scenes import AXIS, CAMERA, Cylinder, box, frame, placed_view, plane, rays
 
-from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import Rigid3, object_from_camera, project
-from flatcloth.flattening.surface import NOISELESS_STD_M, Surface, observe_surface
+from flatcloth.core.geometry import Rigid3, project
+from flatcloth.flattening.surface import NOISELESS_STD_M, Surface
 from flatcloth.shape.graph import graph_of
 from flatcloth.shape.observations import (
     FRONTAL_NOISE,
@@ -37,7 +37,7 @@ def seen_alone(surface: Surface) -> Observation:
 
 def test_the_error_of_a_noisy_view_moves_no_node_along_steep_cloth() -> None:
     depth = plane(slope_x=SLOPE)
-    surface = observe_surface(frame(depth, box(0.06, depth)), AXIS, SurfaceConfig())
+    surface = placed_view(frame(depth, box(0.06, depth))).surface
     inner = np.argwhere(surface.usable)[::37]
     inner = inner[(np.abs(inner - [CAMERA.cy, CAMERA.cx]) < 20).all(axis=1)]
     own = surface.xyz_m[inner[:, 0], inner[:, 1]].astype(float)
@@ -57,7 +57,7 @@ def test_the_error_of_a_noisy_view_moves_no_node_along_steep_cloth() -> None:
 
 def test_a_view_that_shows_one_place_alone_is_no_view_of_the_shape() -> None:
     depth = plane()
-    surface = observe_surface(frame(depth, box(0.06, depth)), AXIS, SurfaceConfig())
+    surface = placed_view(frame(depth, box(0.06, depth))).surface
     usable = np.zeros_like(surface.usable)
     row, col = (int(at) // INTERVAL_PX * INTERVAL_PX + INTERVAL_PX // 2 for at in (CAMERA.cy, CAMERA.cx))
     usable[row, col] = True
@@ -72,14 +72,7 @@ def test_a_view_that_shows_one_place_alone_is_no_view_of_the_shape() -> None:
 
 def test_cloth_that_a_view_knows_from_another_gets_no_second_nodes() -> None:
     cylinder = Cylinder(angles_deg=(0.0, 30.0))
-    views = [
-        PlacedView(
-            surface=observe_surface(cylinder[n], AXIS, SurfaceConfig()),
-            object_from_camera=object_from_camera(AXIS, angle),
-        )
-        for n, angle in enumerate(cylinder.angles_deg)
-    ]
-    seen = observe_all(views, INTERVAL_PX)
+    seen = observe_all([placed_view(cylinder[n]) for n in range(2)], INTERVAL_PX)
     flat = cylinder.flat_uv_m(seen.nodes.xyz_m)
     apart = np.linalg.norm(flat[:, None] - flat, axis=2) + np.eye(len(flat))
     assert (apart.min(axis=1) < 0.004).mean() < 0.05  # nodes are 12 mm apart, fewer where a view ends
@@ -90,7 +83,7 @@ def test_cloth_that_a_view_knows_from_another_gets_no_second_nodes() -> None:
 
 def test_the_ways_between_nodes_of_a_cylinder_are_those_of_the_cloth_unrolled() -> None:
     cylinder = Cylinder(angles_deg=(0.0,), radius_m=0.05)
-    surface = observe_surface(cylinder[0], AXIS, SurfaceConfig())
+    surface = placed_view(cylinder[0]).surface
     nodes, seen = observe(NO_NODES, associate(NO_NODES, surface, STILL), surface, STILL, INTERVAL_PX)
     graph, _ = graph_of(nodes, [seen], [STILL])
     arm = nodes.xyz_m - AXIS.point_m
@@ -109,7 +102,7 @@ def test_pairs_across_a_crease_are_a_quarter_of_the_evidence() -> None:
     """Touching layers look like a crease."""
     x, _ = rays()
     depth = plane() - 0.4 * np.abs(x) * 0.85
-    seen = seen_alone(observe_surface(frame(depth, box(0.1, depth)), AXIS, SurfaceConfig()))
+    seen = seen_alone(placed_view(frame(depth, box(0.1, depth))).surface)
     left = seen.points_m[:, 0][seen.edges]
     across = left.prod(axis=1) < 0.0
     far = (np.abs(left) > 0.02).all(axis=1) & ~across
@@ -122,7 +115,7 @@ def test_pairs_across_a_crease_are_a_quarter_of_the_evidence() -> None:
 
 def test_lengths_of_steep_noisy_cloth_are_as_unsure_as_the_square_of_the_slope() -> None:
     depth = plane(slope_x=0.5)
-    surface = observe_surface(frame(depth, box(0.06, depth)), AXIS, SurfaceConfig())
+    surface = placed_view(frame(depth, box(0.06, depth))).surface
     seen = seen_alone(replace(surface, noisy=True, noise_m=0.001))
     slope = np.tan(np.radians(seen.incidence_deg))[seen.edges]
     assert np.ptp(slope) > 0.05

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_up_sheets import off_m
-from scenes import AXIS, Cylinder, box, frame, plane, rays
+from scenes import Cylinder, box, frame, placed_view, plane, rays
 
-from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import Rigid3, fit_rigid2, object_from_camera, rotation_about
-from flatcloth.flattening.surface import observe_surface
+from flatcloth.core.geometry import Rigid3, fit_rigid2, rotation_about
 from flatcloth.shape.algorithm import as_decided, shape
 from flatcloth.shape.joints import DecidedParts
 from flatcloth.shape.observations import PlacedView
@@ -23,18 +22,22 @@ CYLINDER = Cylinder(angles_deg=ANGLES, span_deg=(-90.0, 90.0))
 
 def views_of(noise_m: float = 0.0) -> list[PlacedView]:
     random, made = np.random.default_rng(0), []
-    for n, angle in enumerate(ANGLES):
+    for n in range(len(ANGLES)):
         seen = CYLINDER[n]
         noise = noise_m * random.standard_normal(seen.depth_m.shape)
         depth = np.where(seen.depth_m > 0, seen.depth_m + noise, 0.0).astype(np.float32)
-        surface = observe_surface(replace(seen, depth_m=depth), AXIS, SurfaceConfig())
-        made.append(PlacedView(surface=surface, object_from_camera=object_from_camera(AXIS, angle)))
+        made.append(placed_view(replace(seen, depth_m=depth)))
     return made
 
 
 @pytest.fixture(scope="module")
 def exact() -> Shape:
     return shape(views_of(), INTERVAL_PX, 1)
+
+
+@pytest.fixture(scope="module")
+def noisy() -> Shape:
+    return shape(views_of(noise_m=0.001), INTERVAL_PX, 1)
 
 
 def test_exact_views_give_the_cloth_as_it_was_cut_and_upright(exact: Shape) -> None:
@@ -46,8 +49,10 @@ def test_exact_views_give_the_cloth_as_it_was_cut_and_upright(exact: Shape) -> N
     assert np.ptp(shift, axis=0).max() < 0.004  # not turned
 
 
-def test_noisy_views_give_it_to_a_few_millimetres_and_say_how_sure_that_is() -> None:
-    found = shape(views_of(noise_m=0.001), INTERVAL_PX, 1)
+def test_noisy_views_give_it_to_a_few_millimetres_and_say_how_sure_that_is(
+    exact: Shape, noisy: Shape
+) -> None:
+    found = noisy
     assert all(seen.is_noisy for seen in found.observations)
     own = found.placed
     assert own.mean() > 0.9
@@ -57,8 +62,7 @@ def test_noisy_views_give_it_to_a_few_millimetres_and_say_how_sure_that_is() -> 
     assert np.median(np.linalg.norm(off, axis=1)) < 0.003
     assert np.isfinite(found.std_m[own]).all()
     assert np.isnan(found.std_m[~own]).all()
-    exact_std_m = shape(views_of(), INTERVAL_PX, 1).std_m
-    assert np.nanmedian(found.std_m) > np.nanmedian(exact_std_m)
+    assert np.nanmedian(found.std_m) > np.nanmedian(exact.std_m)
 
 
 def test_a_camera_that_stands_elsewhere_sees_the_same_cloth(exact: Shape) -> None:
@@ -72,15 +76,12 @@ def test_a_camera_that_stands_elsewhere_sees_the_same_cloth(exact: Shape) -> Non
 def test_lengths_that_noise_took_of_ripples_are_given_back_to_places_and_pairs_alike() -> None:
     x, _ = rays()
     depth = plane() + 0.012 * np.sin(x * 0.85 / 0.008)  # 50 mm from crest to crest
-    surface = observe_surface(frame(depth, box(0.09, depth)), AXIS, SurfaceConfig())
-    made = {}
-    for noisy in (False, True):
-        seen = replace(surface, noisy=noisy, noise_m=0.0005 if noisy else surface.noise_m)
-        made[noisy] = shape(
-            [PlacedView(surface=seen, object_from_camera=Rigid3(np.eye(3), np.zeros(3)))], INTERVAL_PX, 0
-        )
-    assert made[False].scale == 1.0
-    rippled = made[True]
+    view = placed_view(frame(depth, box(0.09, depth)))
+    plain, smoothed = (
+        replace(view, surface=replace(view.surface, noisy=noisy, noise_m=0.0005)) for noisy in (False, True)
+    )
+    assert shape([plain], INTERVAL_PX, 0).scale == 1.0
+    rippled = shape([smoothed], INTERVAL_PX, 0)
     assert 1.002 < rippled.scale < 1.1
     seen_m = rippled.observations[0].edge_length_m
     np.testing.assert_allclose(rippled.links.length_m, rippled.scale * seen_m)
@@ -113,8 +114,8 @@ def test_views_without_cloth_make_no_shape() -> None:
     assert found.views == (1, 2)
 
 
-def test_what_hangs_on_a_weak_joint_is_unsure_until_the_operator_keeps_it() -> None:
-    found = shape(views_of(noise_m=0.001), INTERVAL_PX, 1)
+def test_what_hangs_on_a_weak_joint_is_unsure_until_the_operator_keeps_it(noisy: Shape) -> None:
+    found = noisy
     part = CYLINDER.flat_uv_m(found.nodes.xyz_m)[:, 0] > 0.03
     first, second = found.graph.pairs.T
     evidence = np.where(part[first] != part[second], 0.05, found.graph.evidence)

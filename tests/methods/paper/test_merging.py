@@ -38,18 +38,6 @@ def test_elsewhere_the_smaller_absolute_z_angle_wins() -> None:
     assert set(row_of_views(renewed({0: old, 1: steeper}, 0, 1, Rigid2(), None).view)) == {0}
 
 
-def test_the_renewed_view_has_the_frame_of_the_added_one() -> None:
-    old, new = sheet(0, 0, 40, 5.0), sheet(1, 0, 40, 5.0)
-    current_from_new = Rigid2(0.3, 0.02, -0.01)
-    merged = renewed({0: old, 1: new}, 0, 1, current_from_new, Side.LEFT)
-    assert merged.current_from_view[1] == Rigid2()
-    np.testing.assert_allclose(
-        (merged.current_from_view[0] @ current_from_new).apply(np.array([[0.1, 0.2]])),
-        [[0.1, 0.2]],
-        atol=1e-12,
-    )
-
-
 def test_attributes_follow_the_exact_motion_however_many_views_are_added() -> None:
     start = sheet(0, 0, 60, 0.0, rows=60)
     canonical, sources = begin(start, 0), {0: start}

@@ -101,15 +101,6 @@ def test_rotation_is_the_limit_less_a0_held_to_10_and_50(
     assert abs(turn - expected) <= 10
 
 
-def test_left_turns_positive_and_right_negative() -> None:
-    curves = linear_curves(-49, 49)
-    left = plan_side(Side.LEFT, curves, 1.0, 5, ANGLES, frozenset({5}), 0.0, CONFIG)
-    right = plan_side(Side.RIGHT, curves, 1.0, 5, ANGLES, frozenset({5}), 0.0, CONFIG)
-    assert left.view_index is not None
-    assert right.view_index is not None
-    assert ANGLES[left.view_index] > 50 > ANGLES[right.view_index]
-
-
 def test_unavailable_views_are_passed_over_and_in_the_end_the_side_is_done() -> None:
     curves = linear_curves(-49, -20)
     first = plan_side(Side.LEFT, curves, 1.0, 0, ANGLES, frozenset({0}), 0.0, CONFIG)

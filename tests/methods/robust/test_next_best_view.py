@@ -1,17 +1,16 @@
-"""The next best view of a cylinder, of which one view is known."""
+"""The next best view of a cylinder, of which one view is known; sums over neighbours, by their formulas."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from made_up_sheets import shape_of_view
-from scenes import AXIS, Cylinder
+from scenes import AXIS, Cylinder, placed_view
 
-from flatcloth.core.config import SurfaceConfig
-from flatcloth.core.geometry import object_from_camera
-from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.answers import Candidate
-from flatcloth.methods.robust.next_best_view import rate_candidates, seams_ahead
+from flatcloth.methods.robust.next_best_view import neighbourhoods_of, rate_candidates, seams_ahead
 from flatcloth.shape.shape import Shape
 
 ANGLES = tuple(float(a) for a in range(0, 360, 10))
@@ -20,9 +19,7 @@ RADIUS_M, HEIGHT_M = 0.12, 0.20
 
 def shape_of(span_deg: tuple[float, float] = (-180.0, 180.0)) -> Shape:
     cylinder = Cylinder(angles_deg=(0.0,), span_deg=span_deg)
-    held = object_from_camera(AXIS, 0.0)
-    surface = observe_surface(cylinder[0], AXIS, SurfaceConfig())
-    return shape_of_view(surface, held, cylinder.flat_uv_m)
+    return shape_of_view(placed_view(cylinder[0]), cylinder.flat_uv_m)
 
 
 @pytest.fixture(scope="module")
@@ -143,3 +140,27 @@ def test_a_seam_is_expected_where_a_view_shows_the_borders_of_both_sides() -> No
     assert behind == 0.0
     assert oblique < facing
     assert not seams_ahead(sides, AXIS, (0.0,), related=True).any(), "nothing floats"
+
+
+def test_sums_are_over_pairs_of_placed_nodes_weighted_by_their_views() -> None:
+    random = np.random.default_rng(0)
+    uv, xyz = random.normal(size=(6, 2)), random.normal(size=(6, 3))
+    pairs = np.array([[0, 1], [0, 2], [1, 2], [2, 3], [3, 4], [4, 5]], dtype=np.int32)
+    views = np.array([1, 2, 3, 4, 5, 6])
+    has_place = np.arange(6) != 5
+    graph, holds = SimpleNamespace(pairs=pairs, views=views), np.arange(6) != 2
+    shape: Any = SimpleNamespace(
+        graph=graph, holds=holds, has_place=has_place, all_uv_m=uv, nodes=SimpleNamespace(xyz_m=xyz)
+    )
+    views, found = views * holds, neighbourhoods_of(shape)
+    for node in range(6):
+        seen, other = [], []
+        for (i, j), count in zip(pairs.tolist(), views.tolist(), strict=True):
+            if node in (i, j) and has_place[[i, j]].all():
+                seen.append(count)
+                other.append(j if i == node else i)
+        to, step, weight = uv[other] - uv[node], xyz[other] - xyz[node], np.array(seen, dtype=float)
+        share = weight / np.linalg.norm(to, axis=1)
+        assert found.views[node] == weight.sum()
+        np.testing.assert_allclose(found.lean[node], share @ to, atol=1e-12)
+        np.testing.assert_allclose(found.inwards[node], share @ step, atol=1e-12)

@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_sheets import STILL, shape_of_view
-from scenes import AXIS, box, frame, plane
+from made_up_sheets import shape_of_view
+from scenes import box, frame, placed_view, plane
 
-from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.types import Rigid2
-from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.robust.scoring import SampledComponent, cloth_pairs, refined, score_placement
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.shape.shape import Shape
@@ -20,8 +18,7 @@ HALF_M = 0.09
 @pytest.fixture(scope="module")
 def sheet() -> Shape:
     depth = plane()
-    surface = observe_surface(frame(depth, box(HALF_M, depth)), AXIS, SurfaceConfig())
-    return shape_of_view(surface, STILL, lambda xyz_m: xyz_m[:, :2])
+    return shape_of_view(placed_view(frame(depth, box(HALF_M, depth))), lambda xyz_m: xyz_m[:, :2])
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +29,7 @@ def component(sheet: Shape) -> SampledComponent:
     return SampledComponent(uv_m=xyz[:, :2], xyz_m=xyz, node=node, area_m2=(2 * HALF_M) ** 2)
 
 
-def test_the_right_placement_agrees_in_everything(sheet: Shape, component: SampledComponent) -> None:
+def test_the_right_placement_agrees_in_everything(sheet, component):
     score = score_placement(sheet, component, Rigid2())
     assert score.total == pytest.approx(1.0)
     assert score.parts["twice_share"] == score.parts["other_cloth_share"] == 0.0
@@ -40,9 +37,7 @@ def test_the_right_placement_agrees_in_everything(sheet: Shape, component: Sampl
 
 
 @pytest.mark.parametrize("shift_m", [0.003, TWICE_M, 0.030])
-def test_common_cloth_that_is_shifted_is_that_far_off_and_half_right_at_the_limit(
-    sheet: Shape, component: SampledComponent, shift_m: float
-) -> None:
+def test_common_cloth_that_is_shifted_is_that_far_off_and_half_right_at_the_limit(sheet, component, shift_m):
     score = score_placement(sheet, component, Rigid2(0.0, shift_m, 0.0))
     assert score.apart_mm == pytest.approx(1e3 * shift_m)
     assert score.total == pytest.approx(1.0 / (1.0 + (shift_m / TWICE_M) ** 2))
@@ -50,9 +45,7 @@ def test_common_cloth_that_is_shifted_is_that_far_off_and_half_right_at_the_limi
         assert score.parts["twice_share"] == float(shift_m > TWICE_M)
 
 
-def test_a_component_is_less_right_by_its_share_that_lies_on_other_cloth(
-    sheet: Shape, component: SampledComponent
-) -> None:
+def test_a_component_is_less_right_by_its_share_that_lies_on_other_cloth(sheet, component):
     half = np.arange(len(component.uv_m)) % 2 == 0
     for behind_m, share in ((2.9 * TWICE_M, 0.0), (3.1 * TWICE_M, half.mean())):
         behind = component.xyz_m + np.where(half[:, None], (0.0, 0.0, behind_m), 0.0)
@@ -62,9 +55,7 @@ def test_a_component_is_less_right_by_its_share_that_lies_on_other_cloth(
         assert score.total == pytest.approx(1.0 - share)
 
 
-def test_a_placement_without_common_cloth_is_not_right_and_has_no_measure_of_distance(
-    sheet: Shape, component: SampledComponent
-) -> None:
+def test_a_placement_without_common_cloth_is_not_right_and_has_no_measure_of_distance(sheet, component):
     strange = replace(component, node=np.full_like(component.node, -1))
     score = score_placement(sheet, strange, Rigid2())
     assert score.total == 0.0
@@ -75,9 +66,7 @@ def test_a_placement_without_common_cloth_is_not_right_and_has_no_measure_of_dis
 @pytest.mark.parametrize(
     "start", [Rigid2(0.0, 0.010, -0.006), Rigid2(0.5, 0.1, 0.0), Rigid2(-2.0, -0.3, 0.2)]
 )
-def test_refinement_comes_back_to_the_right_place_from_anywhere(
-    sheet: Shape, component: SampledComponent, start: Rigid2
-) -> None:
+def test_refinement_comes_back_to_the_right_place_from_anywhere(sheet, component, start):
     other = np.arange(len(component.uv_m)) % 5 == 0  # a fifth is not the cloth that it is taken for
     uv = component.uv_m + np.where(other[:, None], (0.03, -0.05), 0.0)
     found = refined(cloth_pairs(sheet, replace(component, uv_m=uv)), start)
@@ -85,9 +74,7 @@ def test_refinement_comes_back_to_the_right_place_from_anywhere(
     assert np.linalg.norm(moved, axis=1).max() < 1e-3
 
 
-def test_the_nodes_that_a_component_shows_are_paired_with_their_places(
-    sheet: Shape, component: SampledComponent
-) -> None:
+def test_the_nodes_that_a_component_shows_are_paired_with_their_places(sheet, component):
     motion = Rigid2(0.4, 0.05, -0.02)
     some = component.node[:20]
     own = motion.inverse().apply(np.concatenate([sheet.uv_m[some], [[0.3, 0.3]]]))

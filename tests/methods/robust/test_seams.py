@@ -17,7 +17,6 @@ from made_up_tube import (
     in_space,
     joined,
     raster,
-    seamed,
     seams,
     side,
 )
@@ -39,7 +38,7 @@ from flatcloth.shape.shape import PIECES_APART_M, Shape
 VIEWS = [raster(THIS, UV, is_other=False)], [raster(OTHER, UV, is_other=True)]
 
 
-def test_rims_of_both_sides_meet_along_the_whole_seam_at_equal_places() -> None:
+def test_rims_of_both_sides_meet_along_the_whole_seam_at_equal_places():
     own, its = map(rim_of, VIEWS, bordered(VIEWS))
     a, b = meeting(own, its)
     assert a.size > 0.9 * len(own)
@@ -47,7 +46,7 @@ def test_rims_of_both_sides_meet_along_the_whole_seam_at_equal_places() -> None:
     assert set(own.view_index) == {1}
 
 
-def test_rims_meet_only_where_both_sheets_were_seen_to_end() -> None:
+def test_rims_meet_only_where_both_sheets_were_seen_to_end():
     (own_ends,), (its_ends,) = bordered(VIEWS)
     own = rim_of(VIEWS[0], [Known(own_ends.edge_uv_m[own_ends.edge_uv_m[:, 1] < 0.06])])
     a, _ = meeting(own, rim_of(VIEWS[1], [its_ends]))
@@ -57,20 +56,20 @@ def test_rims_meet_only_where_both_sheets_were_seen_to_end() -> None:
     assert not len(rim_of(VIEWS[1], [its_ends]))
 
 
-def test_cloth_that_lies_on_other_cloth_and_faces_the_same_way_has_no_seam_with_it() -> None:
+def test_cloth_that_lies_on_other_cloth_and_faces_the_same_way_has_no_seam_with_it():
     own = rim_of(VIEWS[0], bordered(VIEWS)[0])
     a, b = meeting(own, own)  # a copy of this side: the same rims, run in the same direction
     assert a.size == b.size == 0
 
 
-def test_a_side_without_cloth_meets_nothing() -> None:
+def test_a_side_without_cloth_meets_nothing():
     (view,), (ends,) = VIEWS[0], bordered(VIEWS)[0]
     empty = replace(view, valid=np.zeros_like(view.valid))
     a, _ = meeting(rim_of([view], [ends]), rim_of([empty], [ends]))
     assert a.size == 0
 
 
-def test_both_sides_lie_on_each_other_wherever_the_other_one_lay_before() -> None:
+def test_both_sides_lie_on_each_other_wherever_the_other_one_lay_before():
     shift = np.array([0.7, -0.2])
     moved = replace(OTHER, all_uv_m=OTHER.all_uv_m + shift)
     found = joined(THIS, moved)
@@ -104,7 +103,7 @@ def falsely_joined(*, is_other: bool, strength: float) -> tuple[Shape, Flattened
     return shape, replace(flat, xyz_m=xyz_m), pattern
 
 
-def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say() -> None:
+def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say():
     shape, flat, pattern = falsely_joined(is_other=True, strength=0.5)
     pieces = [raster(THIS, UV, is_other=False)], [flat]
     found = other_of(join_sides(THIS, shape, pieces, bordered(pieces)))
@@ -114,7 +113,7 @@ def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say
 
 
 @pytest.mark.parametrize(("strength", "is_torn"), [(0.05, True), (200.0, False)])
-def test_a_seam_that_needs_a_false_link_of_this_side_joins_nothing(strength: float, is_torn: bool) -> None:
+def test_a_seam_that_needs_a_false_link_of_this_side_joins_nothing(strength, is_torn):
     """It needs one if hardly any cloth joins that: then a sure seam contradicts it."""
     shape, flat, _ = falsely_joined(is_other=False, strength=strength)
     believed = side(EVERYTHING, is_other=True, strength=40.0)
@@ -123,7 +122,7 @@ def test_a_seam_that_needs_a_false_link_of_this_side_joins_nothing(strength: flo
     assert any("this side" in link.why for link in found.links) == is_torn
 
 
-def test_places_of_another_rim_hardly_turn_a_seam() -> None:
+def test_places_of_another_rim_hardly_turn_a_seam():
     along = np.linspace(0.0, 0.18, 30)
     seam = np.stack([along, 0.01 * np.sin(20.0 * along)], axis=1)
     motion = Rigid2(theta_rad=0.3, u_m=0.2, v_m=-0.1)
@@ -134,7 +133,7 @@ def test_places_of_another_rim_hardly_turn_a_seam() -> None:
     assert np.abs(fit_rigid2(seam, seen).apply(seam) - motion.apply(seam)).max() > 0.004
 
 
-def test_few_places_join_nothing_and_the_other_side_keeps_its_largest_piece() -> None:
+def test_few_places_join_nothing_and_the_other_side_keeps_its_largest_piece():
     small = UV[:, 0] < 4 * STEP_M
     small &= UV[:, 1] < 4 * STEP_M
     found = joined(THIS, side(small, is_other=True), other_at=UV[small])
@@ -152,7 +151,7 @@ def decision(seam: Seam, *, kept: bool) -> DecidedSeam:
     return DecidedSeam(kept=kept, points_m=tuple(map(tuple, shaken.tolist())))
 
 
-def test_a_seam_that_the_operator_cut_joins_nothing_until_it_is_kept() -> None:
+def test_a_seam_that_the_operator_cut_joins_nothing_until_it_is_kept():
     (seam,) = seams(joined(THIS, OTHER))
     cut = decision(seam, kept=False)
     without = joined(THIS, OTHER, decided=(cut,))
@@ -163,7 +162,7 @@ def test_a_seam_that_the_operator_cut_joins_nothing_until_it_is_kept() -> None:
     assert [(s.why, s.decided) for s in seams(again)] == [("", "keep")]
 
 
-def test_a_small_seam_that_lays_true_edges_on_the_other_sheet_joins_nothing_unless_it_is_kept() -> None:
+def test_a_small_seam_that_lays_true_edges_on_the_other_sheet_joins_nothing_unless_it_is_kept():
     small = (UV[:, 0] < 7 * STEP_M) & (UV[:, 1] < 7 * STEP_M)
     other, at = side(small, is_other=True), UV[small]
     hem = UV.mean(axis=0) + np.stack([np.linspace(-0.05, 0.05, 1000), np.zeros(1000)], axis=1)
@@ -183,7 +182,7 @@ def test_a_small_seam_that_lays_true_edges_on_the_other_sheet_joins_nothing_unle
         assert (seam.probability - again.probability > lower) == (lower > 0.0)
 
 
-def test_a_floating_piece_of_this_side_and_its_back_are_one_piece() -> None:
+def test_a_floating_piece_of_this_side_and_its_back_are_one_piece():
     """Two halves that nothing joins: the back of each lies on its half, and only one is the shape."""
     left, right = COLUMN < 13, COLUMN > 19
     seen = left | right
@@ -210,7 +209,7 @@ def test_a_floating_piece_of_this_side_and_its_back_are_one_piece() -> None:
     assert {(seam.this_piece, seam.other_piece) for seam in seams_of(found, without_right)} == {(0, 0)}
 
 
-def test_pairs_that_a_side_cut_stay_cut_where_seams_lead_past_them() -> None:
+def test_pairs_that_a_side_cut_stay_cut_where_seams_lead_past_them():
     row = np.rint(UV[:, 1] / STEP_M)
     lower = row > 9
     shift = np.outer(np.where(lower, PIECES_APART_M, 0.0), [1.0, 0.0])
@@ -225,7 +224,7 @@ def test_pairs_that_a_side_cut_stay_cut_where_seams_lead_past_them() -> None:
     np.testing.assert_array_equal(found.shape.piece > 0, its_lower)
 
 
-def test_a_floating_piece_takes_with_it_what_lies_on_the_same_back() -> None:
+def test_a_floating_piece_takes_with_it_what_lies_on_the_same_back():
     """The right half of this side floats in two pieces; one has a known place, their back joins them."""
     left, upper = COLUMN < 10, UV[:, 1] < 9 * STEP_M
     right, lower = COLUMN > 15, UV[:, 1] > 14 * STEP_M
@@ -249,9 +248,7 @@ def test_a_floating_piece_takes_with_it_what_lies_on_the_same_back() -> None:
 
 
 @pytest.mark.parametrize(("strength", "is_known"), [(0.05, False), (200.0, True)])
-def test_pieces_that_cloth_of_the_other_side_joins_are_as_unsure_as_it_is(
-    strength: float, is_known: bool
-) -> None:
+def test_pieces_that_cloth_of_the_other_side_joins_are_as_unsure_as_it_is(strength, is_known):
     """The two halves of this side hang together by their back alone."""
     left, right = COLUMN < 13, COLUMN > 16
     seen = left | right
@@ -272,7 +269,7 @@ def noisy(shape: Shape) -> Shape:
     return replace(shape, observations=tuple(replace(view, is_noisy=True) for view in shape.observations))
 
 
-def test_another_side_of_a_few_places_only_is_refused_in_words() -> None:
+def test_another_side_of_a_few_places_only_is_refused_in_words():
     few = (COLUMN < 3) & (UV[:, 1] < 2.5 * STEP_M)
     other = side(few, is_other=True)
     assert 1 < few.sum() < LEAST_PIECE
@@ -280,7 +277,7 @@ def test_another_side_of_a_few_places_only_is_refused_in_words() -> None:
         joined(THIS, replace(other, piece=np.zeros_like(other.piece)), other_at=UV[few])
 
 
-def test_a_piece_is_counted_as_it_is_drawn_where_smaller_ones_are_not() -> None:
+def test_a_piece_is_counted_as_it_is_drawn_where_smaller_ones_are_not():
     left, small, lower = COLUMN < 10, UV[:, 1] < 3 * STEP_M, UV[:, 1] > 6 * STEP_M
     seen = left | ((COLUMN > 15) & (small | lower))
     number, at = np.where(left, 0, np.where(small, 1, 2))[seen].astype(np.int32), UV[seen]
@@ -288,16 +285,17 @@ def test_a_piece_is_counted_as_it_is_drawn_where_smaller_ones_are_not() -> None:
     this = replace(side(seen, is_other=False), all_uv_m=own, piece=number)
     back = side(EVERYTHING, is_other=True, strength=200.0)
     pieces = [raster(this, at, n, is_other=False) for n in (0, 2)], [raster(back, UV, is_other=True)]
-    (laid,) = other_of(seamed(this, back, pieces, bordered(pieces))).laid
+    (laid,) = other_of(join_sides(this, back, pieces, bordered(pieces))).laid
     assert laid.index == 0
     there = laid.shape_from_piece.apply(own[number == 2])
     assert np.linalg.norm(there - at[number == 2], axis=1).max() < 0.006
 
 
-def test_the_shape_stays_the_main_piece_when_the_other_side_floats_and_is_larger() -> None:
+def test_the_shape_stays_the_main_piece_when_the_other_side_floats_and_is_larger():
     left = COLUMN < 12
-    found = joined(side(left, is_other=False), OTHER, UV[left], decided=(), ends=None)
+    this = side(left, is_other=False)
+    found = joined(this, OTHER, UV[left])
     (seam, *_) = seams(found)
-    apart = joined(side(left, is_other=False), OTHER, UV[left], decided=(decision(seam, kept=False),))
+    apart = joined(this, OTHER, UV[left], decided=(decision(seam, kept=False),))
     assert found.is_related
     assert not apart.is_related

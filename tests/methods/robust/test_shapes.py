@@ -217,13 +217,6 @@ def test_the_order_of_other_views_changes_nothing_about_what_was_laid_by_hand(to
     np.testing.assert_array_equal(again.std_m, first.std_m)
 
 
-def test_undoing_what_was_laid_by_hand_lets_it_float_again(torn: Integration) -> None:
-    free = with_all(1, 2)
-    before = robust(torn).shapes.of(free)
-    robust(torn).shapes.of(by_hand(torn, free, 1, LAID_M))
-    assert robust(torn).shapes.of(free) is before
-
-
 UV = grid(10, 24)
 EVERYTHING = np.ones(len(UV), dtype=bool)
 

@@ -1,20 +1,28 @@
+"""The minimum of Eq. (2): exact lengths are met, in any order of points; and the band that solves it."""
+
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.flattening.bands import PairForm, order_of
 from flatcloth.flattening.minimisation import minimise
 
 Sheet = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]
 
 
-def sheet(rows: int, cols: int, seed: int = 0) -> Sheet:
-    """A grid of points, a centimetre apart, seen bent: start, pairs with diagonals, lengths."""
-    random = np.random.default_rng(seed)
+def lattice(rows: int, cols: int) -> Sheet:
+    """A grid of points, a centimetre apart: places, pairs with diagonals, and their exact lengths."""
     r, c = np.divmod(np.arange(rows * cols), cols)
     place = 0.01 * np.stack([c, r], axis=1)
     apart = np.abs(r[:, None] - r), np.abs(c[:, None] - c)
     edges = np.argwhere(np.triu(np.maximum(*apart) == 1)).astype(np.int32)
-    lengths = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1)
+    return place, edges, np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1)
+
+
+def sheet(rows: int, cols: int, seed: int = 0) -> Sheet:
+    """A grid of points seen bent, with errors: start, pairs, lengths."""
+    random, (place, edges, lengths) = np.random.default_rng(seed), lattice(rows, cols)
     start = place * (1.0, 0.7) + 0.001 * random.standard_normal(place.shape) + 0.3
     return start, edges, lengths * (1.0 + 0.01 * random.standard_normal(lengths.size))
 
@@ -37,14 +45,33 @@ def test_the_order_of_the_points_does_not_change_the_result() -> None:
     )
 
 
-def test_a_wide_sheet_reaches_the_minimum_of_exact_lengths() -> None:
-    start, edges, _ = sheet(45, 45)
-    r, c = np.divmod(np.arange(45 * 45), 45)
-    place = 0.01 * np.stack([c, r], axis=1)
-    lengths = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1)
+def test_the_minimum_of_exact_lengths_is_exact_also_of_a_wide_sheet() -> None:
+    points, edges, lengths = lattice(45, 45)
+    start, *_ = sheet(45, 45)
     found = minimise(start, edges, lengths, majorisations=6, energy_tolerance=1e-9)
+    np.testing.assert_allclose(trimmed_fit(found.uv_m, points), points, atol=1e-6)
     assert found.energy[-1] < 1e-14 * len(edges)  # met exactly
     assert len(found.energy) < 30
+
+
+def test_a_thin_bent_strip_is_straightened() -> None:
+    points, edges, lengths = lattice(3, 60)
+    bend = points[:, 0] / 0.15
+    radius = 0.15 - 0.8 * points[:, 1]
+    start = np.stack([radius * np.sin(bend), -radius * np.cos(bend)], axis=1)
+    found = minimise(start, edges, lengths, majorisations=6, energy_tolerance=1e-6)
+    assert np.linalg.norm(trimmed_fit(found.uv_m, points) - points, axis=1).max() < 1e-4
+
+
+def test_energy_never_rises_and_states_lead_from_start_to_result() -> None:
+    points, edges, lengths = lattice(8, 8)
+    start = points * [0.5, 0.9]
+    found = minimise(start, edges, lengths, majorisations=6, energy_tolerance=1e-7, record=True)
+    assert (np.diff(found.energy) <= 1e-12 * found.energy[0]).all()
+    at_start_m = np.linalg.norm(start[edges[:, 0]] - start[edges[:, 1]], axis=1)
+    assert found.energy[0] == pytest.approx(np.square(at_start_m - lengths).sum())
+    assert len(found.states) == len(found.energy) > 2
+    np.testing.assert_allclose(found.states[-1], found.uv_m, atol=1e-12)
 
 
 def test_an_order_brings_the_ends_of_pairs_close_together() -> None:
