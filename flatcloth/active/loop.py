@@ -53,7 +53,7 @@ from flatcloth.engine.garment import (
 )
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.export.data import SessionData, frames_of
+from flatcloth.export.data import SessionData
 from flatcloth.methods.registry import method_name
 from flatcloth.recordings.base import SAME_VIEW_DEG, apart_deg
 from flatcloth.recordings.folder import HEADER as MANIFEST
@@ -86,23 +86,8 @@ class Learnt:
 class ActiveLoop:
     """An active loop in a session folder, new or continued. Its methods may be called from several threads.
 
-    Parameters
-    ----------
-    folder : Path
-        The session folder; the recording grows in ``recording`` in it.
-    goal : Goal
-        What is to be known.
-    budget : Budget
-        When the loop ends whatever is known.
-    method : str, optional
-        As for an integration.
-    name : str, optional
-        Title of the recording, by default the name of the folder.
-
-    Raises
-    ------
-    FlatclothError
-        If the folder holds something else, is in use, or cannot be written.
+    The recording grows in ``recording`` in the folder; its title is ``name``, by default that of the folder.
+    The budget ends the loop whatever is known; the method is as for an integration.
     """
 
     def __init__(
@@ -170,19 +155,8 @@ class ActiveLoop:
     def take(self, view: SeenView, answers: int | None = None) -> Taken:
         """Take a view, and choose the next angle, once the garment is recognised with the view before.
 
-        Parameters
-        ----------
-        view : SeenView
-            The view.
-        answers : int, optional
-            The number that was asked for; a view that answers an earlier one is late, and taken all the same.
-
-        Raises
-        ------
-        ViewError
-            If it cannot be taken; nothing changes.
-        FlatclothError
-            If it cannot be written.
+        A view that ``answers`` an earlier question than the last one is late, and taken all the same. After a
+        ``ViewError`` nothing has changed.
         """
         with self._taking:
             self.wait()
@@ -222,11 +196,18 @@ class ActiveLoop:
             both = self._learnt.both
             garments = GarmentService(integration) if both is None else both.with_doubted_links()
             self._learnt = replace(self._learnt, known=place_sure_pieces(garments, session))
-            frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
             if both is None and integration.algorithm.joins_sides:  # this side alone told the garment
                 both = GarmentService(integration)
             joined = None if both is None else both.joined
-            data = SessionData(integration, self.document, session.picks, frames, garments, joined)
+            data = SessionData(
+                integration,
+                self.document,
+                session.picks,
+                garments=garments,
+                both=joined,
+                rotation_deg=self.stands_deg,
+                base_from_camera=base_from_camera,
+            )
             return data.write(self.folder)
 
     def close(self) -> None:

@@ -69,10 +69,7 @@ _OF_DASK = _Processes()
 def run_task(question: Mapping[str, Any], limits: Limits, processes: _Processes = _OF_DASK) -> dict[str, Any]:
     """Answer a question in a separate process; a crash of that process is returned, not raised.
 
-    Returns
-    -------
-    dict
-        The row; or its ``outcome`` and ``reason`` only, if the process refused, crashed or was too slow.
+    Of a task that was refused, crashed or too slow, the row has its ``outcome`` and ``reason`` only.
     """
     try:
         worker = processes.of_thread(limits)
@@ -106,23 +103,11 @@ Answer = dict[str, Any] | Exception
 def engine_of(
     jobs: int | None, scheduler: str | None = None, out: str | None = None, *, tls: bool = True
 ) -> Engine:
-    """Return the engine that the user asked for.
+    """Return the engine that the user asked for: processes of this machine, or a Dask scheduler's workers.
 
-    Parameters
-    ----------
-    jobs : int, optional
-        Tasks at the same time on this machine; by default the number of its cores.
-    scheduler : str, optional
-        Address of a Dask scheduler to use instead.
-    out : str, optional
-        Folder that every worker must be able to write.
-    tls : bool
-        Refuse a scheduler without TLS: whoever reaches it can run any code as this user.
-
-    Raises
-    ------
-    FlatclothError
-        If the scheduler cannot be reached, has no TLS, or Dask is not installed.
+    ``jobs`` run at the same time, by default as many as there are cores. Every worker of the scheduler at an
+    address must be able to write the folder ``out``. With ``tls`` a scheduler without it is refused: whoever
+    reaches it can run any code as this user.
     """
     if scheduler is None:
         return _local(jobs or len(os.sched_getaffinity(0)))
@@ -134,30 +119,27 @@ def engine_of(
     return _of_dask(scheduler, out)
 
 
+@dataclass(frozen=True)
 class Engine:
     """What runs tasks, in a ``with`` block whose end stops what still runs.
 
     ``about`` says where they run, for the user; ``pool`` takes calls of ``task``, and ``stop`` ends it.
     """
 
-    def __init__(
-        self,
-        about: str,
-        pool: concurrent.futures.Executor,
-        stop: Callable[[], object],
-        task: Callable[[Question, Limits], dict[str, Any]] = run_task,
-    ) -> None:
-        self.about, self._pool, self._stop, self._task = about, pool, stop, task
+    about: str
+    pool: concurrent.futures.Executor
+    stop: Callable[[], object]
+    task: Callable[[Question, Limits], dict[str, Any]] = run_task
 
     def __enter__(self) -> Engine:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stop()
+        self.stop()
 
     def run(self, questions: Sequence[Question], limits: Limits) -> Iterator[tuple[int, Answer]]:
         """Yield the number of each question and its answer, as they come; an exception if its worker died."""
-        futures = {self._pool.submit(self._task, q, limits): n for n, q in enumerate(questions)}
+        futures = {self.pool.submit(self.task, q, limits): n for n, q in enumerate(questions)}
         for future in concurrent.futures.as_completed(list(futures)):
             number = futures.pop(future)  # A worker that dies is not asked for the results it gave.
             try:

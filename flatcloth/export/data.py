@@ -104,11 +104,6 @@ def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
     """Write files to a folder, each replaced atomically, so a crash leaves either the old or the new one.
 
     ``threads`` threads write them in the given order; the last one, the report, is written after the others.
-
-    Raises
-    ------
-    FlatclothError
-        If the folder cannot be written; the message names it.
     """
     *names, report = files
     with os_errors_as(FlatclothError, f"{folder}: the export cannot be written", "Choose another folder."):
@@ -348,25 +343,33 @@ class SessionData:
     ``garments`` recognises the garment, a new service by default. ``both`` joins the other side to a
     document's shape, if that belongs to it.
     ``is_growing``: views are still being added, and no garment is recognised for the deviations of the shape.
+    Grasp poses are at ``rotation_deg`` of the item, by default that of the last viewed view.
     """
 
     integration: Integration
     document: Document
-    picks: tuple[Pick, ...]
-    frames: GraspFrames
+    picks: tuple[Pick, ...] = ()
+    grips: Mapping[int, Grip] = field(default_factory=dict)
     garments: GarmentService | None = None
     both: Callable[[Document], JoinedSides | str] | None = None
     is_growing: bool = False
+    rotation_deg: float | None = None
+    base_from_camera: Rigid3 | None = None
+
+    @property
+    def frames(self) -> GraspFrames:
+        """The frames of grasp poses."""
+        standing = self.integration.recording.angles_deg[self.document.present_view or 0]
+        return GraspFrames(
+            axis=self.integration.axis,
+            rotation_deg=standing if self.rotation_deg is None else self.rotation_deg,
+            grips=self.grips,
+            base_from_camera=self.base_from_camera,
+        )
 
     @cached_property
     def canonical(self) -> Canonical:
-        """The shape, with the pieces that have a place on it, and its floating pieces.
-
-        Raises
-        ------
-        FlatclothError
-            If nothing is flattened yet.
-        """
+        """The shape, with the pieces that have a place on it, and its floating pieces."""
         if not self.is_growing:
             _ = self.garment  # recognised first: the deviations of the shape depend on it
         canonical = self.integration.canonical(self.document)
@@ -424,30 +427,8 @@ class SessionData:
         """Write all files to a folder, and remove files of an earlier, larger export.
 
         ``threads`` are the files that are written at the same time; the bytes do not depend on it.
-
-        Raises
-        ------
-        FlatclothError
-            If the folder cannot be written; the message names it.
         """
         files = self.files()
         written = write_files(files, folder, threads)
         remove_stale(files, folder)
         return written
-
-
-def frames_of(
-    integration: Integration,
-    document: Document,
-    grips: Mapping[int, Grip],
-    base_from_camera: Rigid3 | None = None,
-    rotation_deg: float | None = None,
-) -> GraspFrames:
-    """Return the frames of grasp poses; by default at the rotation of the last viewed view."""
-    standing = integration.recording.angles_deg[document.present_view or 0]
-    return GraspFrames(
-        axis=integration.axis,
-        rotation_deg=standing if rotation_deg is None else rotation_deg,
-        grips=grips,
-        base_from_camera=base_from_camera,
-    )

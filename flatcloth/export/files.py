@@ -26,19 +26,8 @@ def zipped(files: Iterable[tuple[str, bytes]]) -> bytes:
     return data.getvalue()
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file, and create its folder; raises as :func:`write_file`."""
-    write_file(path, text.encode())
-
-
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file, and create its folder.
-
-    Raises
-    ------
-    FlatclothError
-        If it cannot be written; the message names the file.
-    """
+    """Write a file, and create its folder; the error names the file."""
     with os_errors_as(FlatclothError, f"{path}: cannot be written", "Choose another file."):
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, data)

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
+from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
 from flatcloth.engine.outcome import has_other_side
 from flatcloth.engine.sheet import Sheet, lay_out, sheet_of
-from flatcloth.export.data import SessionData, frames_of
+from flatcloth.export.data import SessionData
 from flatcloth.export.growth import Growth, Kept, colors_of, grow, key_of
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.grasping.grasps import LOST_AT_M, GraspPose, grasp_pose, pixel_of_point
@@ -41,7 +42,7 @@ class OpenedSession:
     """A session for export; data are computed on first use.
 
     ``progress`` is called with the progress of the work; ``kept`` is shared with other exports of it;
-    ``numbers`` are those of :meth:`numbers_of`.
+    ``numbers`` are those of :meth:`numbers_of`; the rest is as in :class:`.data.SessionData`.
     """
 
     history: SessionHistory
@@ -49,6 +50,8 @@ class OpenedSession:
     progress: Progress = no_progress
     kept: Kept = field(default_factory=Kept)
     numbers: dict[int, ViewNumbers] = field(default_factory=dict)
+    rotation_deg: float | None = None
+    base_from_camera: Rigid3 | None = None
 
     @cached_property
     def growth(self) -> Growth:
@@ -88,13 +91,7 @@ class OpenedSession:
 
     @property
     def view(self) -> FlattenedView:
-        """The shape, without its growth.
-
-        Raises
-        ------
-        FlatclothError
-            If nothing is flattened yet.
-        """
+        """The shape, without its growth."""
         return self.integration.canonical(self.history.begun).view
 
     def sheet_of(self, document: Document) -> Sheet:
@@ -121,15 +118,17 @@ class OpenedSession:
 
     @cached_property
     def data(self) -> SessionData:
-        """The data files; grasp poses are at the item's present rotation."""
+        """The data files."""
         history, garments = self.history, self.kept.garments_of(self.integration)
         return SessionData(
             self.integration,
             history.begun,
             history.picks,
-            frames_of(self.integration, history.document, history.grips),
+            history.grips,
             garments,
             (lambda document: garments.joined(document, self.progress)) if self.has_both else None,
+            rotation_deg=self.rotation_deg,
+            base_from_camera=self.base_from_camera,
         )
 
 
@@ -142,25 +141,10 @@ def open_session(
 ) -> OpenedSession:
     """Open a session folder for export, without locking or changing it.
 
-    Parameters
-    ----------
-    folder : Path
-        The session folder.
-    recording : Path, optional
-        Present location of its recording; by default that of the session.
-    progress : callable
-        Called with the progress of the work.
-    options : SourceOptions, optional
-        Options to open the recording with; by default those that the session was started with.
-
-    Raises
-    ------
-    JournalError
-        If the folder is not a session, is damaged, or belongs to another recording.
-    RecordingError
-        If the recording is missing; the message explains how to give its path.
-    ConfigError
-        If the session uses a method that this version does not have.
+    ``recording`` is the present location of its recording, by default that of the session; ``options`` are
+    those to open it with, by default those that the session was started with. Errors are a ``JournalError``
+    if the folder is no session or belongs to another recording, a ``RecordingError`` that explains how to
+    give the recording's path, and a ``ConfigError`` if the session's method is unknown.
     """
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.segmenting import prepare
@@ -194,25 +178,10 @@ def open_session(
 def of_page(
     integration: Integration, folder: object, progress: Progress = no_progress, kept: Kept | None = None
 ) -> OpenedSession:
-    """Return the session of an open page for export.
+    """Return the session of an open page for export; an error if it is not saved on disk.
 
-    Parameters
-    ----------
-    integration : Integration
-        The page's integration; safe to use from several threads.
-    folder : object
-        The page's session folder.
-    progress : callable
-        Called with the progress of the work; may raise ``CancelledError``.
-    kept : Kept, optional
-        What earlier exports of the page computed.
-
-    Raises
-    ------
-    FlatclothError
-        If the session is not saved on disk.
-    JournalError
-        If the folder cannot be read.
+    The integration and ``kept``, what earlier exports of the page computed, are safe to use from several
+    threads; ``progress`` may raise ``CancelledError``.
     """
     path = getattr(folder, "folder", None)
     if path is None:
