@@ -56,13 +56,7 @@ _RENDERING = threading.RLock()
 
 
 def check_matplotlib() -> None:
-    """Check that drawings can be made.
-
-    Raises
-    ------
-    FlatclothError
-        If matplotlib is not installed.
-    """
+    """Check that drawings can be made: matplotlib may not be installed."""
     try:
         import matplotlib as mpl  # noqa: F401
     except ImportError as error:
@@ -113,13 +107,7 @@ def _saved(
 
 
 def figure_of(width: float, height: float) -> Figure:
-    """Return an empty figure of this size (points).
-
-    Raises
-    ------
-    FlatclothError
-        If matplotlib is not installed.
-    """
+    """Return an empty figure of this size (points)."""
     check_matplotlib()
     from matplotlib.figure import Figure
 

@@ -10,14 +10,10 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Bool, Float32, Uint8
 from flatcloth.flattening.pixel_states import TEXTS, PixelState
 
-THIS_RGBA = (44, 123, 182, 96)
+THIS_RGBA, OTHER_RGBA = (44, 123, 182, 96), (215, 95, 25, 120)
 """Colors of the sides, distinguishable by color-blind readers (the ends of ColorBrewer's RdYlBu). Chosen."""
-OTHER_RGBA = (215, 95, 25, 120)
-"""See ``THIS_RGBA``."""
-UNDECIDED_RGBA = (120, 120, 120, 190)
-"""See ``THIS_RGBA``."""
-OUTSIDE_RGBA = (0, 0, 0, 120)
-"""See ``THIS_RGBA``."""
+UNDECIDED_RGBA, OUTSIDE_RGBA = (120, 120, 120, 190), (0, 0, 0, 120)
+"""Colors of undecided cloth, and of what is not the item. Chosen."""
 STROKE_ALPHA = 225
 """Opacity of cloth under strokes: clearly above that of its side. Chosen."""
 STRIPE_PX = 6
@@ -35,24 +31,9 @@ def side_rgba(
 ) -> Uint8:
     """Draw labels (h, w) at their place in an image: blue of interest, orange other, striped undecided.
 
-    Parameters
-    ----------
-    side : (h, w) int8
-        1 of interest, -1 other, 0 undecided, 2 not the item.
-    certainty : (h, w) float32
-        Less certain labels are paler.
-    offset_rc : (int, int)
-        Where the crop lies in the image.
-    shape : (int, int)
-        Rows and columns of the image.
-    strokes : (h, w) bool, optional
-        Cloth under strokes, drawn opaque.
-    doubt : bool
-        Draw how certain the labels are instead: the less certain, the stronger the magenta.
-
-    Returns
-    -------
-    (H, W, 4) uint8
+    A label is 1 of interest, -1 other, 0 undecided, 2 not the item; less certain ones are paler. The crop
+    lies at ``offset_rc`` in the image of this shape (rows, columns). Cloth under ``strokes`` is opaque. With
+    ``doubt`` the labels' certainty is drawn instead: the less certain, the stronger the magenta.
     """
     image = np.zeros((*side.shape, 4), dtype=np.uint8)
     for label, color in ((1, THIS_RGBA), (-1, OTHER_RGBA), (2, OUTSIDE_RGBA)):

@@ -50,10 +50,7 @@ def _entry(folder: Path, name: str) -> Path | None:
 def read_texture(mesh: Path, name: str, library: Path | None = None) -> Uint8:
     """Return the pixels (H, W, 3) RGB of a texture that a mesh, or a library of it, names.
 
-    Raises
-    ------
-    SynthesisError
-        If it is missing, not readable, or larger than ``MOST_TEXTURE_PIXELS``.
+    It is an error if it is larger than ``MOST_TEXTURE_PIXELS``.
     """
     path = file_beside((library or mesh).parent, name) or file_beside(mesh.parent, name)
     if path is None:
@@ -72,13 +69,7 @@ def read_texture(mesh: Path, name: str, library: Path | None = None) -> Uint8:
 
 
 def rgb_of(source: Any, named: object) -> Uint8:
-    """Return the pixels (H, W, 3) RGB of an open image file, or of an image of Pillow; ``named`` in messages.
-
-    Raises
-    ------
-    SynthesisError
-        If it is not readable, or larger than ``MOST_TEXTURE_PIXELS``.
-    """
+    """Return the pixels (H, W, 3) RGB of an image of Pillow, or of an open file; ``named`` in messages."""
     from PIL import Image
 
     remedy = "Correct this texture, or choose a generated pattern with --texture."

@@ -16,17 +16,11 @@ from flatcloth.recordings.files.text import shortened
 
 
 def load_with_libusb(name: str, kind: type[FlatclothError], need: str, packages: str) -> Any:
-    """Return the module ``pyrealsense2`` or ``open3d``.
+    """Return the module ``pyrealsense2`` or ``open3d``; else raise ``kind``.
 
-    Raises
-    ------
-    kind
-        If it is not installed, or its libraries are missing: what ``need`` says, and the ``packages``.
-
-    Notes
-    -----
-    Both link to ``libusb-1.0.so.0``, which a minimal Debian lacks. The system's, or that of the package
-    libusb-package, is loaded first, with symbols that they see.
+    The error has what ``need`` says, and the ``packages``. Both link to ``libusb-1.0.so.0``, which a minimal
+    Debian lacks. The system's, or that of the package libusb-package, is loaded first, with symbols that they
+    see.
     """
     try:
         try:
