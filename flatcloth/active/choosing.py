@@ -105,8 +105,16 @@ def shares_around(
 ) -> Shares:
     """Return which shares of the cloth around a place views would show.
 
-    The angles are those of the recorded views, then those to rate. The place (2,) on the plane has a standard
-    deviation: the cloth may be as far away. ``area_m2`` is that of the side so far.
+    Parameters
+    ----------
+    method, document
+        The side of the item, and the decisions about it.
+    angles_deg : sequence of float
+        Those of the recorded views, then those to rate.
+    at : tuple
+        The place (2,) on the plane, and its standard deviation: the cloth may be as far away.
+    area_m2 : float
+        The area of the side so far.
     """
     place, std_m = at
     radius_m = math.hypot(_HALF_M, std_m)
@@ -192,10 +200,21 @@ def choose_next(
 ) -> Next | None:
     """Return the next angle, or None if no angle is left, or the method ends.
 
-    ``known`` is the garment so far, or the reason for none; the item stands at ``stands_deg``; ``other`` is
-    what views are expected to show of the other side, as far as the goal needs it. ``scale`` and ``kept`` are
-    what the last views brought, as a share of what was expected of them: ``scale`` for the choice, which may
-    hope for more, ``kept`` for what is said of it.
+    Parameters
+    ----------
+    integration, document
+        The views so far, and the decisions about them.
+    known, knowledge
+        The garment so far, or the reason for none, and what is known by it.
+    goal : Goal
+        What is to be known.
+    stands_deg : float
+        The angle at which the item stands.
+    scale, kept : float
+        What the last views brought, as a share of what was expected of them: ``scale`` for the choice, which
+        may hope for more, ``kept`` for what is said of it.
+    other : OtherSide, optional
+        What views are expected to show of the other side, as far as the goal needs it.
     """
     taken = integration.views.angles_deg
     free = free_angles_deg(taken)

@@ -25,9 +25,14 @@ PATIENCE_S = 120.0
 
 
 class CameraEye:
-    """Looks with a camera, one look at a time; see :data:`flatcloth.active.service.Eye`.
+    """Looks with a camera; see :data:`flatcloth.active.service.Eye`. One look at a time.
 
-    The camera is started by its owner; so many frames are averaged for a view.
+    Parameters
+    ----------
+    feed : CameraFeed
+        The camera, started by its owner.
+    frames : int
+        Frames averaged for a view.
     """
 
     def __init__(self, feed: CameraFeed, frames: int = capture.FRAMES) -> None:
@@ -39,7 +44,10 @@ class CameraEye:
     def __call__(self, angle_deg: float, number: int) -> SeenView:
         """Wait until the item hangs still, and return the view at an angle.
 
-        It is an error if the camera has ended, as when it was unplugged, or the item does not come to rest.
+        Raises
+        ------
+        CameraError
+            If the camera has ended, as when it was unplugged, or the item does not come to rest.
         """
         nowhere = cast("RecordingWriter", _Nowhere(number))
         guided = GuidedCapture(self._feed.camera, lambda: nowhere, step_deg=10.0, frames=self._frames)

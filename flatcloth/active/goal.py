@@ -51,7 +51,13 @@ class Budget:
 
 
 def parse_goal(text: str, within_mm: float = WITHIN_MM) -> Goal:
-    """Read ``shape``, ``kind`` or ``points:NAME,NAME``, of points that a known garment has."""
+    """Read ``shape``, ``kind`` or ``points:NAME,NAME``.
+
+    Raises
+    ------
+    GoalError
+        If it is something else, no known garment has such a point, or the deviation is out of range.
+    """
     if not 1.0 <= within_mm <= 500.0:
         raise GoalError(f"--within {within_mm:g}: give millimetres from 1 to 500.")
     if text in ("shape", "kind"):
@@ -67,7 +73,13 @@ def parse_goal(text: str, within_mm: float = WITHIN_MM) -> Goal:
 
 
 def parse_budget(text: str) -> Budget:
-    """Read a number of views (``12``) or of seconds (``90s``)."""
+    """Read a number of views (``12``) or of seconds (``90s``).
+
+    Raises
+    ------
+    GoalError
+        If it is something else.
+    """
     number, seconds = text.removesuffix("s"), text.endswith("s")
     if not number.isascii() or not number.isdigit() or not 1 <= int(number) <= 10_000:
         raise GoalError(f"--budget {text!r:.30}: give a number of views, such as 12, or of seconds: 90s.")

@@ -57,7 +57,13 @@ class Taken:
 
 
 def check_view(view: SeenView, recording: GrowingRecording | None) -> None:
-    """Refuse a view that has no place in a recording, by a ``ViewError`` with the reason."""
+    """Refuse a view that has no place in a recording.
+
+    Raises
+    ------
+    ViewError
+        With the reason.
+    """
     height, width = view.depth_m.shape
     if not math.isfinite(view.angle_deg) or abs(view.angle_deg) > 3600:
         raise ViewError(f"{view.angle_deg} is not an angle: announce degrees since the first view.")
@@ -117,7 +123,12 @@ class AngleFinder:
     """Finds angles of views: points of earlier views must not lie before its surface, nor off the item.
 
     Agreement at an angle: the share of the compared points that meet the same surface, less that of those
-    that meet none. Views that are added to the earlier ones are compared, too.
+    that meet none.
+
+    Parameters
+    ----------
+    views : RecordedViews
+        The earlier views. Those that are added to them later are compared, too.
     """
 
     def __init__(self, views: RecordedViews) -> None:

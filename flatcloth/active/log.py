@@ -30,7 +30,18 @@ def stand_all_round(angles_deg: Sequence[float], goal: Goal) -> bool:
 
 
 class ActiveLog:
-    """Appends lines; those of earlier runs in the session folder stay, except an incomplete last one."""
+    """Appends lines; those of earlier runs are kept, except for an incomplete last one.
+
+    Parameters
+    ----------
+    folder : Path
+        The session folder.
+
+    Raises
+    ------
+    JournalError
+        If the file cannot be read or written.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / LOG

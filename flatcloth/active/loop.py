@@ -86,8 +86,23 @@ class Learnt:
 class ActiveLoop:
     """An active loop in a session folder, new or continued. Its methods may be called from several threads.
 
-    The recording grows in ``recording`` in the folder; its title is ``name``, by default that of the folder.
-    The budget ends the loop whatever is known; the method is as for an integration.
+    Parameters
+    ----------
+    folder : Path
+        The session folder; the recording grows in ``recording`` in it.
+    goal : Goal
+        What is to be known.
+    budget : Budget
+        When the loop ends whatever is known.
+    method : str, optional
+        As for an integration.
+    name : str, optional
+        Title of the recording, by default the name of the folder.
+
+    Raises
+    ------
+    FlatclothError
+        If the folder holds something else, is in use, or cannot be written.
     """
 
     def __init__(
@@ -155,8 +170,19 @@ class ActiveLoop:
     def take(self, view: SeenView, answers: int | None = None) -> Taken:
         """Take a view, and choose the next angle, once the garment is recognised with the view before.
 
-        A view that ``answers`` an earlier question than the last one is late, and taken all the same. After a
-        ``ViewError`` nothing has changed.
+        Parameters
+        ----------
+        view : SeenView
+            The view.
+        answers : int, optional
+            The number that was asked for; a view that answers an earlier one is late, and taken all the same.
+
+        Raises
+        ------
+        ViewError
+            If it cannot be taken; nothing changes.
+        FlatclothError
+            If it cannot be written.
         """
         with self._taking:
             self.wait()

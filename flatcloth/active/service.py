@@ -23,9 +23,16 @@ Eye = Callable[[float, int], SeenView]
 class ActiveService:
     """A loop, the camera that looks for it, if it has one, and the robot's frame. Safe for several threads.
 
-    ``eye`` looks when an angle is announced; without it views are sent with their images. With the hand-eye
-    transform ``base_from_camera``, poses are given in the robot's frame, too. ``taking`` takes a view in
-    place of the loop.
+    Parameters
+    ----------
+    loop : ActiveLoop
+        The loop.
+    eye : callable, optional
+        Looks when an angle is announced; without it views are sent with their images.
+    base_from_camera : Rigid3, optional
+        The hand-eye transform: poses are then given in the robot's frame, too.
+    taking : callable, optional
+        Takes a view in place of the loop.
     """
 
     def __init__(
@@ -48,13 +55,25 @@ class ActiveService:
             return {**_asked(loop.asked, loop.views), **self._known(rotation_deg)}
 
     def take(self, view: SeenView, number: int | None, rotation_deg: float | None = None) -> dict[str, Any]:
-        """Take a view that a program sends, and return what became of it and what comes next."""
+        """Take a view that a program sends, and return what became of it and what comes next.
+
+        Raises
+        ------
+        FlatclothError
+            As :meth:`flatcloth.active.loop.ActiveLoop.take`.
+        """
         taken = self._taking(view, number)
         about = {"number": taken.number, "told": list(taken.told)}
         return {"taken": about, **self.next(rotation_deg)}
 
     def look(self, angle_deg: float, number: int | None, rotation_deg: float | None = None) -> dict[str, Any]:
-        """Look at the item, which stands at an angle now, with the camera of the loop; as :meth:`take`."""
+        """Look at the item, which stands at an angle now, with the camera of the loop; as :meth:`take`.
+
+        Raises
+        ------
+        FlatclothError
+            If the loop has no camera, or it cannot look.
+        """
         if self._eye is None:
             raise ViewError("flatcloth has no camera here: send color, depth and K with the angle.")
         return self.take(self._eye(angle_deg, self.loop.views), number, rotation_deg)

@@ -80,10 +80,29 @@ def run_batch(
     *,
     again: bool = False,
 ) -> Count:
-    """Run the tasks that are not done, with ``again`` all of them, and write the table to the folder.
+    """Run the tasks that are not done, and write the table.
 
-    ``start`` returns the engine that runs them; it is called only if a task is to be run. If the user stops
-    it, the table has the tasks done so far.
+    Parameters
+    ----------
+    tasks : sequence of Task
+        All tasks of the batch, also those that are done.
+    out : Path
+        Folder for the table and the folders of the tasks.
+    start : callable
+        Returns the engine that runs them; called only if a task is to be run.
+    limits : Limits
+        Of each task.
+    tell : callable
+        Called with the progress.
+    again : bool
+        Run also the tasks that are done.
+
+    Raises
+    ------
+    FlatclothError
+        If the output cannot be written, or another batch uses it.
+    KeyboardInterrupt
+        If the user stops it; the table then has the tasks done so far.
     """
     waiting = pending(tasks, out, again=again)
     count = Count(total=len(tasks), before=len(tasks) - len(waiting))
@@ -134,7 +153,13 @@ def write_results(out: Path) -> None:
 
 @contextlib.contextmanager
 def owned(out: Path) -> Iterator[None]:
-    """Lock an output folder: two batches at once would run all tasks twice."""
+    """Lock an output folder: two batches at once would run all tasks twice.
+
+    Raises
+    ------
+    FlatclothError
+        If it cannot be written, or another process has the lock.
+    """
     try:
         with os_errors_as(FlatclothError, f"{out}: cannot be written", "Choose another --out."):
             out.mkdir(parents=True, exist_ok=True)

@@ -69,7 +69,10 @@ _OF_DASK = _Processes()
 def run_task(question: Mapping[str, Any], limits: Limits, processes: _Processes = _OF_DASK) -> dict[str, Any]:
     """Answer a question in a separate process; a crash of that process is returned, not raised.
 
-    Of a task that was refused, crashed or too slow, the row has its ``outcome`` and ``reason`` only.
+    Returns
+    -------
+    dict
+        The row; or its ``outcome`` and ``reason`` only, if the process refused, crashed or was too slow.
     """
     try:
         worker = processes.of_thread(limits)
@@ -103,11 +106,23 @@ Answer = dict[str, Any] | Exception
 def engine_of(
     jobs: int | None, scheduler: str | None = None, out: str | None = None, *, tls: bool = True
 ) -> Engine:
-    """Return the engine that the user asked for: processes of this machine, or a Dask scheduler's workers.
+    """Return the engine that the user asked for.
 
-    ``jobs`` run at the same time, by default as many as there are cores. Every worker of the scheduler at an
-    address must be able to write the folder ``out``. With ``tls`` a scheduler without it is refused: whoever
-    reaches it can run any code as this user.
+    Parameters
+    ----------
+    jobs : int, optional
+        Tasks at the same time on this machine; by default the number of its cores.
+    scheduler : str, optional
+        Address of a Dask scheduler to use instead.
+    out : str, optional
+        Folder that every worker must be able to write.
+    tls : bool
+        Refuse a scheduler without TLS: whoever reaches it can run any code as this user.
+
+    Raises
+    ------
+    FlatclothError
+        If the scheduler cannot be reached, has no TLS, or Dask is not installed.
     """
     if scheduler is None:
         return _local(jobs or len(os.sched_getaffinity(0)))

@@ -55,7 +55,13 @@ def read_verdicts(out: Path) -> tuple[dict[str, Verdict], str]:
 
 
 def decide(out: Path, name: str, verdict: str | None) -> None:
-    """Keep a verdict on a result, None to take it back; it is on disk when this returns."""
+    """Keep a verdict on a result, None to take it back; it is on disk when this returns.
+
+    Raises
+    ------
+    JournalError
+        If there is no such result or verdict, their file is damaged, or it cannot be written.
+    """
     is_verdict = verdict is None or verdict in get_args(Verdict)
     if not is_verdict or not is_result_name(name) or not (out / name / ROW_FILE).is_file():
         raise JournalError(f"{name[:60]}: no such result, or no such verdict.")
@@ -104,7 +110,13 @@ _MOST_THUMBNAIL_BYTES = 100_000
 
 
 def write_report(out: Path) -> Path:
-    """Write ``report.html`` from the rows that an output keeps; return the file."""
+    """Write ``report.html`` from the rows that an output keeps; return the file.
+
+    Raises
+    ------
+    FlatclothError
+        If there are none, or it cannot be written.
+    """
     text = report_html(out, served=False)
     file = out / REPORT_FILE
     with os_errors_as(FlatclothError, f"{file}: cannot be written", "Make room."):
@@ -113,7 +125,13 @@ def write_report(out: Path) -> Path:
 
 
 def report_html(out: Path, *, served: bool) -> str:
-    """Return the page; if ``served`` by the program, it stores verdicts and opens sessions."""
+    """Return the page; if ``served`` by the program, it stores verdicts and opens sessions.
+
+    Raises
+    ------
+    FlatclothError
+        If there are no results.
+    """
     rows = rows_in(out)
     if not rows:
         raise FlatclothError(

@@ -126,7 +126,13 @@ def next_attempt(before: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def write_row(row: Mapping[str, Any], folder: Path) -> None:
-    """Keep a row in its result's folder; a crash leaves the old or the new one."""
+    """Keep a row in its result's folder; a crash leaves the old or the new one.
+
+    Raises
+    ------
+    FlatclothError
+        If it cannot be written.
+    """
     file = folder / ROW_FILE
     text = json.dumps({"format": FORMAT, **row}, indent=1, allow_nan=False) + "\n"
     with os_errors_as(FlatclothError, f"{file}: cannot be written", "Make room, or choose another --out."):
@@ -151,7 +157,13 @@ CSV = "results.csv"
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], out: Path) -> None:
-    """Write the table, under a temporary name first."""
+    """Write the table, under a temporary name first.
+
+    Raises
+    ------
+    FlatclothError
+        If it cannot be written.
+    """
     names = [column.name for column in COLUMNS]
     file = io.StringIO(newline="")
     writer = csv.DictWriter(file, names, extrasaction="ignore", restval="", lineterminator="\n")

@@ -56,10 +56,24 @@ class Task:
 def tasks_of(sources: Sequence[str], method: str, options: SourceOptions, out: Path) -> list[Task]:
     """Return the tasks of some sources, in order, each with a name of its own.
 
-    Sources are recordings, globs of them, folders of them, manifests (CSV or JSON lines), data sets of a
-    known layout, or names of bundled recordings. A manifest's row takes precedence over the method and the
-    options for all. A source keeps the name that it has in the output. One that a manifest names and that is
-    missing gets a task, which fails: the others are not to wait for it.
+    Parameters
+    ----------
+    sources : sequence of str
+        Recordings, globs of them, folders of them, manifests (CSV or JSON lines), data sets of a known
+        layout, or names of bundled recordings.
+    method : str
+        For those whose manifest names none.
+    options : SourceOptions
+        Options for all; a manifest's row takes precedence.
+    out : Path
+        The output, in which a source keeps the name that it has there.
+
+    Raises
+    ------
+    FlatclothError
+        If a source is no recording and contains none, a manifest is not valid, or one source is
+        named twice with different options. A source that a manifest names and that is missing gets a
+        task, which fails: the others are not to wait for it.
     """
     wanted: dict[tuple[str, str], Task] = {}
     for source in sources:
@@ -231,7 +245,13 @@ def quick_signature(task: Task) -> str:
 
 
 def content_signature(task: Task) -> str:
-    """Return a hash of a task's options and settings, and of its files' names and contents."""
+    """Return a hash of a task's options and settings, and of its files' names and contents.
+
+    Raises
+    ------
+    RecordingError
+        If a file cannot be read.
+    """
     digest = _begun(task)
     root = Path(task.source)
     for file in files_of(task):

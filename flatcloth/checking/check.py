@@ -263,7 +263,10 @@ class CheckLesson:
 def check_lesson(recording: Recording, frame: Callable[[int], RgbdFrame], axis: RotationAxis) -> CheckLesson:
     """Compare two neighbouring views of a recording after all turns.
 
-    It is an error if they show no item, or have nothing in common.
+    Raises
+    ------
+    SurfaceError
+        If they show no item, or have nothing in common.
     """
     order = sorted(range(len(recording)), key=lambda n: recording.angles_deg[n])
     first, second = order[len(order) // 2 - 1], order[len(order) // 2]

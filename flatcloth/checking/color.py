@@ -119,8 +119,14 @@ def registered(odds: Float32, items: Float32) -> tuple[Float64, float]:
 def color_findings(items: Float32, odds: Float32, view_indices: Sequence[int], every: float) -> list[Finding]:
     """Return whether color is shifted or scaled against depth.
 
-    ``items`` and ``odds`` (N, h, w) are those of the views by :func:`odds_of`, each pixel of which stands for
-    ``every`` pixels of the images; ``view_indices`` are their numbers.
+    Parameters
+    ----------
+    items, odds : (N, h, w) float32
+        Of the views, by :func:`odds_of`.
+    view_indices : sequence of int
+        Their numbers.
+    every : float
+        Pixels of the images that one of these stands for.
     """
     some = slice(None, None, max(1, len(items) // _VIEWS))
     items, odds = items[some], odds[some]
@@ -207,8 +213,14 @@ def _likeliest(log: Float64) -> tuple[float, list[int]]:
 def pairing_findings(items: Float32, odds: Float32, view_indices: Sequence[int], count: int) -> list[Finding]:
     """Return whether the depth of views belongs to the color of others.
 
-    ``items`` and ``odds`` (N, h, w) are those of the views in order of capture, by :func:`odds_of`;
-    ``view_indices`` are their numbers. Without all ``count`` views of the recording nothing mends it.
+    Parameters
+    ----------
+    items, odds : (N, h, w) float32
+        Of the views, in order of capture, by :func:`.color.odds_of`.
+    view_indices : sequence of int
+        Their numbers.
+    count : int
+        Views of the recording; without all of them nothing mends it.
     """
     if len(items) < 2 * _FEWEST:
         return []

@@ -247,8 +247,14 @@ def findings_of(
 ) -> list[Finding]:
     """Return what is wrong with the recording: the findings of the likeliest hypothesis.
 
-    Those of ``simple`` propose changes of the reading as recorded; those of ``further`` changes of the
-    likeliest reading so far, while views contradict it.
+    Parameters
+    ----------
+    comparison : Comparison
+        The views.
+    simple : sequence of callables
+        Each proposes changes of the reading as recorded.
+    further : sequence of callables
+        Each proposes changes of the likeliest reading so far, while views contradict it.
     """
     right = Hypothesis(reading=comparison.recorded, log_prior=RIGHT)
     tried = [right]

@@ -334,13 +334,20 @@ def adjusted(
 
     With a wrong focal length the item is stretched across the line of sight, and two views of it differ by a
     shear that no motion removes: for a turn by t and a factor f by about ``(f - 1) sin t``. The motion of a
-    single pair hides a part of the shear, so that all are adjusted together: that finds the focal length, the
-    axis, and the turn and swing of each view, whose errors are at most those of
+    single pair hides a part of the shear, so that all are adjusted together: that finds the focal length,
+    the axis, and the turn and swing of each view, whose errors are at most those of
     :class:`.pose_prior.PosePrior`.
 
-    The views are in order of their angles; ``pairs`` are places of views that are turned enough against each
-    other to show the shear. The axis is as recorded, as an estimated one would hide the shear; about
-    ``held_point_m`` the item swings.
+    Parameters
+    ----------
+    views : sequence of ViewFeatures
+        In order of their angles.
+    pairs : sequence of (int, int)
+        Places of views that are turned enough against each other to show the shear.
+    axis : RotationAxis
+        As recorded; an estimated one would hide the shear.
+    held_point_m : (3,) float64
+        About which the item swings.
     """
     if len(pairs) < _FEWEST:
         return 0.0, math.inf

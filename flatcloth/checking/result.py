@@ -41,9 +41,16 @@ def wrong_with(
 ) -> list[str]:
     """Return the reasons why something about the recording of a result is wrong; empty if there are none.
 
-    ``check`` is that of the recording, if it was made; ``registered`` the registration of the integrated
-    views, if the method registers them; ``fits_none`` is whether no known kind of garment fits. Alone it is
-    no doubt: others exist.
+    Parameters
+    ----------
+    check : Check, optional
+        The check of the recording, if it was made.
+    registered : Registered, optional
+        The registration of the integrated views, if the method registers them.
+    floating_share : float
+        Share of the cloth in floating pieces.
+    fits_none : bool
+        Whether no known kind of garment fits. Alone it is no doubt: others exist.
     """
     found = [] if check is None else [finding.text for finding in check.certain]
     if registered is None or len(registered.features) < LEAST_VIEWS:

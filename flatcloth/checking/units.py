@@ -73,10 +73,22 @@ DEPTHS = (
 
 
 def allowed(factor: float, log_std: float, known: Sequence[Unit]) -> list[Unit]:
-    """Return the units within the deviation of an estimated factor (above 0), the likeliest first.
+    """Return the units within the deviation of an estimated factor, the likeliest first.
 
-    ``log_std`` is the deviation of its logarithm. The ``weight`` of each is its probability, 1 in all. If the
-    estimate itself is likelier than any ``known`` name, it alone, without a name.
+    Parameters
+    ----------
+    factor : float
+        The estimate, above 0.
+    log_std : float
+        The deviation of its logarithm.
+    known : sequence of Unit
+        Those that have a name.
+
+    Returns
+    -------
+    list of Unit
+        Their ``weight`` is the probability of each, 1 in all. If the estimate itself is likelier than any
+        name, it alone, without a name.
     """
     off = {unit: math.log(unit.factor / factor) / log_std for unit in known}
     near = {u: u.weight * math.exp(-0.5 * z**2) / log_std for u, z in off.items() if abs(z) < _FAR_STDS}

@@ -83,8 +83,14 @@ def lead(
 ) -> None:
     """Read the camera until the capture is done.
 
-    ``answer`` returns the operator's input since the last frame, None if there is none; if the capture
-    ``keeps_itself``, every view is kept without asking.
+    Parameters
+    ----------
+    camera, guided
+        Source of the frames, and the capture that processes them.
+    answer : callable
+        Returns the operator's input since the last frame, None if there is none.
+    keeps_itself : bool
+        Keep every view without asking.
     """
     from flatcloth.cameras import CameraEndedError
     from flatcloth.cameras.capture import Phase

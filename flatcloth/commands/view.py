@@ -83,6 +83,11 @@ def opened_place(options: Options, chosen: Chosen, current: Path | None = None) 
     """Open a place: a recording with its session, by default its own, or a camera or cell.
 
     None if the session is ``current``, which is open already.
+
+    Raises
+    ------
+    FlatclothError
+        If the recording cannot be read, its session is in use, or the camera or cell cannot be opened.
     """
     if chosen.kind == "camera":
         return opened_camera(options, chosen.source)
@@ -125,7 +130,13 @@ def opened_place(options: Options, chosen: Chosen, current: Path | None = None) 
 
 
 def opened_camera(options: Options, serial: str) -> Opened:
-    """Open a camera and its capture, for the page."""
+    """Open a camera and its capture, for the page.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such camera, or options of the capture are invalid.
+    """
     from flatcloth.cameras import capture
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.live import camera_recording
@@ -236,7 +247,13 @@ def page_options(options: Options) -> dict[str, Any]:
 
 
 def first_of(options: Options) -> Callable[[], Opened] | None:
-    """Return what opens the recording, camera or cell that is shown first; None for the start screen."""
+    """Return what opens the recording, camera or cell that is shown first; None for the start screen.
+
+    Raises
+    ------
+    FlatclothError
+        If options contradict each other.
+    """
     from flatcloth.viewer.places import Chosen
 
     if options.cell is not None:

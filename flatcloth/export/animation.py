@@ -41,7 +41,13 @@ Scene = tuple[Float64, Uint8, Float64]
 
 
 def mp4_of(session: OpenedSession) -> bytes:
-    """Return the animation as MP4: VP9 if OpenCV writes it, because browsers play it, otherwise MPEG-4."""
+    """Return the animation as MP4: VP9 if OpenCV writes it, because browsers play it, otherwise MPEG-4.
+
+    Raises
+    ------
+    FlatclothError
+        If OpenCV cannot write MP4, or no folder for its file is writable.
+    """
     import cv2
 
     no_folder = os_errors_as(FlatclothError, "No folder for the animation", "Set TMPDIR to a writable one.")

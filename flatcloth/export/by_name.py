@@ -28,7 +28,13 @@ MEDIA = {
 
 
 def made(session: OpenedSession, name: str) -> bytes:
-    """Return the content of an export, or of another data file; a session may have none of this name."""
+    """Return the content of an export, or of another data file.
+
+    Raises
+    ------
+    FlatclothError
+        If the session has none of this name, or it cannot be made.
+    """
     match name:
         case "page.html":
             from flatcloth.export.page import page

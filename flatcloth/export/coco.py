@@ -60,9 +60,17 @@ class _Grasps(msgspec.Struct, frozen=True):
 
 
 def write_coco(folders: Iterable[Path], out: Path) -> tuple[int, int]:
-    """Write ``annotations.json`` and the images of results whose garment is known.
+    """Write ``annotations.json`` and the images of results whose garment is known; return their counts.
 
-    Returns the number of results and of images in the data set, which must have some.
+    Returns
+    -------
+    (int, int)
+        The number of results and of images in the data set.
+
+    Raises
+    ------
+    FlatclothError
+        If no result has a known garment, a recording cannot be opened, or a file cannot be written.
     """
     categories = [
         {

@@ -104,6 +104,11 @@ def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
     """Write files to a folder, each replaced atomically, so a crash leaves either the old or the new one.
 
     ``threads`` threads write them in the given order; the last one, the report, is written after the others.
+
+    Raises
+    ------
+    FlatclothError
+        If the folder cannot be written; the message names it.
     """
     *names, report = files
     with os_errors_as(FlatclothError, f"{folder}: the export cannot be written", "Choose another folder."):
@@ -369,7 +374,13 @@ class SessionData:
 
     @cached_property
     def canonical(self) -> Canonical:
-        """The shape, with the pieces that have a place on it, and its floating pieces."""
+        """The shape, with the pieces that have a place on it, and its floating pieces.
+
+        Raises
+        ------
+        FlatclothError
+            If nothing is flattened yet.
+        """
         if not self.is_growing:
             _ = self.garment  # recognised first: the deviations of the shape depend on it
         canonical = self.integration.canonical(self.document)
@@ -427,6 +438,11 @@ class SessionData:
         """Write all files to a folder, and remove files of an earlier, larger export.
 
         ``threads`` are the files that are written at the same time; the bytes do not depend on it.
+
+        Raises
+        ------
+        FlatclothError
+            If the folder cannot be written; the message names it.
         """
         files = self.files()
         written = write_files(files, folder, threads)

@@ -27,7 +27,13 @@ def zipped(files: Iterable[tuple[str, bytes]]) -> bytes:
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file, and create its folder; the error names the file."""
+    """Write a file, and create its folder.
+
+    Raises
+    ------
+    FlatclothError
+        If it cannot be written; the message names the file.
+    """
     with os_errors_as(FlatclothError, f"{path}: cannot be written", "Choose another file."):
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, data)

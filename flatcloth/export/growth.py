@@ -35,8 +35,14 @@ class Kept:
     """Computed values that several exports, or several parts of one, need. Safe for several threads.
 
     Keys are a word with that of :func:`key_of`, so that each value belongs to the axis and the decisions that
-    it was computed from. ``garments`` recognises the garment and joins the other side, by default one of its
-    own; ``both`` returns whether the other side is known already.
+    it was computed from.
+
+    Parameters
+    ----------
+    garments : GarmentService, optional
+        Recognises the garment and joins the other side; by default one of its own.
+    both : callable
+        Returns whether the other side is known already.
     """
 
     def __init__(
@@ -141,6 +147,11 @@ def grow(
     """Compute the growth of a session's shape from its start view on.
 
     ``kept`` are the results of earlier exports of the session; the shapes of all steps are added to it.
+
+    Raises
+    ------
+    FlatclothError
+        If the session has no start view.
     """
     document = history.begun
     assert document.start_view is not None

@@ -57,7 +57,13 @@ class SessionHistory:
 
     @property
     def begun(self) -> Document:
-        """The present state, which has a shape; an error if the session has no start view."""
+        """The present state, which has a shape.
+
+        Raises
+        ------
+        FlatclothError
+            If the session has no start view.
+        """
         if self.document.start_view is None:
             raise FlatclothError(
                 f"{self.folder}: the session has no start view, so there is nothing to export."
@@ -125,7 +131,13 @@ def _decision(number: int, time: str, verdict: Accept | Reject | Skip, before: _
 
 
 def read_history(folder: Path) -> SessionHistory:
-    """Read a session folder without opening it for writing."""
+    """Read a session folder without opening it for writing.
+
+    Raises
+    ------
+    JournalError
+        If it is not a session folder or is damaged; the message names the file and the line.
+    """
     header = read_header(folder)
     replay = Replay.of(header)
     verdicts, path = _Verdicts(replay.state.document), folder / JOURNAL
@@ -166,9 +178,12 @@ SUSPECT = frozenset({BELOW, OVERRIDDEN})
 class Flags:
     """Which flags an accepted view has.
 
-    ``accept_score`` is the smallest score that is accepted without an operator; a score in the lower half
-    above it is low. ``overridden`` are the views that an operator accepted although the score at that time
-    was smaller.
+    Parameters
+    ----------
+    accept_score : float
+        Smallest score that is accepted without an operator; a score in the lower half above it is low.
+    overridden : frozenset of int
+        Views that an operator accepted although the score at that time was smaller.
     """
 
     accept_score: float

@@ -42,7 +42,13 @@ class Moment:
 
 
 def moments(session: OpenedSession) -> Iterator[Moment]:
-    """Yield the views of a session's shape in the order of acceptance."""
+    """Yield the views of a session's shape in the order of acceptance.
+
+    Raises
+    ------
+    FlatclothError
+        If the session has no start view.
+    """
     growth, integration = session.growth, session.integration
     view = growth.view
     for step in growth.steps:
@@ -76,7 +82,13 @@ DEPTH_PER_M = 10_000.0
 
 
 def write_rrd(session: OpenedSession, path: Path) -> None:
-    """Write the cloud of the shape as it grew, the views, the flat shape, and the points at each angle."""
+    """Write the cloud of the shape as it grew, the views, the flat shape, and the points at each angle.
+
+    Raises
+    ------
+    FlatclothError
+        If the session has no start view.
+    """
     import rerun as rr
 
     recording, points = session.integration.recording, points_of(session)
@@ -121,7 +133,13 @@ VIEW_NS = 1_000_000_000
 
 
 def write_mcap(session: OpenedSession, path: Path) -> None:
-    """Write images, transforms, the shape as it grew, and the poses of picks and named points."""
+    """Write images, transforms, the shape as it grew, and the poses of picks and named points.
+
+    Raises
+    ------
+    FlatclothError
+        If the session has no start view.
+    """
     import foxglove
     from foxglove import channels
 

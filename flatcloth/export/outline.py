@@ -43,9 +43,21 @@ def area_of(piece: Piece) -> float:
 
 
 def outline(view: FlattenedView, least_area_m2: float = 1e-4) -> list[Piece]:
-    """Return the pieces of cloth, the largest first; without those, and without holes, of less than an area.
+    """Return the pieces of cloth, the largest first.
 
     The outline runs between pixels with and without cloth, so areas are those of the pixels.
+
+    Parameters
+    ----------
+    view : FlattenedView
+        The flattened view.
+    least_area_m2 : float
+        Smaller pieces and holes are left out.
+
+    Raises
+    ------
+    FlatclothError
+        If no piece is large enough.
     """
     label, _ = ndimage.label(view.valid)
     pieces: list[Piece] = []
@@ -129,6 +141,11 @@ def drawing(
     """Return the outline of a view in mm, turned clockwise as seen by ``turn_rad``.
 
     ``other`` is the other side as seen from its own outside, which turns the other way.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no cloth.
     """
     turn = Rigid2(theta_rad=turn_rad)
     pieces = [tuple(1e3 * turn.apply(rim) for rim in piece) for piece in outline(view)]
@@ -253,6 +270,11 @@ def outline_text(
     """Return the outline as text in the format of a file suffix.
 
     Drawings are turned upright; JSON, which programs read, stays on the flattened plane.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no cloth.
     """
     turn_rad = 0.0 if suffix.lower() == ".json" else upright_rad
     return WRITERS[suffix.lower()](drawing(view, name, turn_rad, other))

@@ -102,6 +102,11 @@ def whole(folder: Path, entry: str) -> str:
     """Return a module, or a style sheet, of a folder with all that it imports, as one text without comments.
 
     Each module that is imported becomes a function, called at once, that returns what the module exports.
+
+    Raises
+    ------
+    FlatclothError
+        If one of them cannot be read; the message names it.
     """
     found: dict[str, str] = {}
 

@@ -91,7 +91,13 @@ class OpenedSession:
 
     @property
     def view(self) -> FlattenedView:
-        """The shape, without its growth."""
+        """The shape, without its growth.
+
+        Raises
+        ------
+        FlatclothError
+            If nothing is flattened yet.
+        """
         return self.integration.canonical(self.history.begun).view
 
     def sheet_of(self, document: Document) -> Sheet:
@@ -141,10 +147,25 @@ def open_session(
 ) -> OpenedSession:
     """Open a session folder for export, without locking or changing it.
 
-    ``recording`` is the present location of its recording, by default that of the session; ``options`` are
-    those to open it with, by default those that the session was started with. Errors are a ``JournalError``
-    if the folder is no session or belongs to another recording, a ``RecordingError`` that explains how to
-    give the recording's path, and a ``ConfigError`` if the session's method is unknown.
+    Parameters
+    ----------
+    folder : Path
+        The session folder.
+    recording : Path, optional
+        Present location of its recording; by default that of the session.
+    progress : callable
+        Called with the progress of the work.
+    options : SourceOptions, optional
+        Options to open the recording with; by default those that the session was started with.
+
+    Raises
+    ------
+    JournalError
+        If the folder is not a session, is damaged, or belongs to another recording.
+    RecordingError
+        If the recording is missing; the message explains how to give its path.
+    ConfigError
+        If the session uses a method that this version does not have.
     """
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.segmenting import prepare
@@ -178,10 +199,25 @@ def open_session(
 def of_page(
     integration: Integration, folder: object, progress: Progress = no_progress, kept: Kept | None = None
 ) -> OpenedSession:
-    """Return the session of an open page for export; an error if it is not saved on disk.
+    """Return the session of an open page for export.
 
-    The integration and ``kept``, what earlier exports of the page computed, are safe to use from several
-    threads; ``progress`` may raise ``CancelledError``.
+    Parameters
+    ----------
+    integration : Integration
+        The page's integration; safe to use from several threads.
+    folder : object
+        The page's session folder.
+    progress : callable
+        Called with the progress of the work; may raise ``CancelledError``.
+    kept : Kept, optional
+        What earlier exports of the page computed.
+
+    Raises
+    ------
+    FlatclothError
+        If the session is not saved on disk.
+    JournalError
+        If the folder cannot be read.
     """
     path = getattr(folder, "folder", None)
     if path is None:

@@ -181,11 +181,20 @@ def fingerprint(recording: Recording, n_views: int | None = None) -> str:
 class Format:
     """A format of sources: one module, listed in ``recordings.registry`` or by another package's entry point.
 
-    ``name`` is one word, for ``--format`` and for manifests; ``what`` describes such a source in messages: "a
-    TUM RGB-D folder". ``recognises`` must be quick and must not raise; ``open`` raises ``RecordingError``
-    with one line, ``<file>: cause. remedy.`` The options that are named by ``refuses`` do not apply to such a
-    source. Of a data set ``recordings_below`` returns the sources in a folder, in order; none if it is not
-    such a folder.
+    Parameters
+    ----------
+    name : str
+        One word, for ``--format`` and for manifests.
+    what : str
+        Description of such a source in messages: "a TUM RGB-D folder".
+    recognises : callable
+        Returns whether a path is such a source; must be quick and must not raise.
+    open : callable
+        Opens a source; raises ``RecordingError`` with one line, ``<file>: cause. remedy.``
+    refuses : tuple of str
+        Options that do not apply to such a source.
+    recordings_below : callable, optional
+        For data sets: returns the sources in a folder, in order; none if it is not such a folder.
     """
 
     name: str

@@ -48,8 +48,17 @@ class ImageRecording(Recording):
     """A recording of image files; the pixels are checked when a view is read, all else at once.
 
     ``any_depth`` allows other depth files than 16-bit PNG; ``truth`` is a synthetic recording's own
-    description of its truth, unchecked: only the evaluation reads it. The headers of all images are read when
-    it is made (a few milliseconds for 36 views); none is decoded.
+    description of its truth, unchecked: only the evaluation reads it.
+
+    Raises
+    ------
+    RecordingError
+        If an image is missing, unreadable, of the wrong kind or of another size than the camera's;
+        the message names file, cause and remedy.
+
+    Notes
+    -----
+    Reads the headers of all images (a few milliseconds for 36 views) and decodes none.
     """
 
     files: tuple[ViewFiles, ...]

@@ -32,9 +32,26 @@ def open_isolated(
     align: str | None = None,
     progress: Progress = no_progress,
 ) -> Recording:
-    """Open a recording of a ``kind``, ``realsense`` or ``ros``, in a worker process.
+    """Open a recording in a worker process.
 
-    ``align`` names the camera whose pixels are kept, of a RealSense file.
+    Parameters
+    ----------
+    kind : str
+        ``realsense`` or ``ros``.
+    path : Path
+        File or folder.
+    options : SourceOptions
+        What the user knows of the angles.
+    align : str, optional
+        The camera whose pixels are kept, of a RealSense file.
+    progress : callable
+        Called with the share of the work done.
+
+    Raises
+    ------
+    RecordingError
+        If a library is missing, the file or a table of angles is not valid, no view is found, or the
+        worker fails on the file.
     """
     try:
         worker = Worker(__name__, path)

@@ -22,14 +22,21 @@ T = TypeVar("T")
 
 
 def option(text: str, form: str = "", default: Any = None, **more: Any) -> Any:
-    """Return the field of an option: its help, what stands for its value there, and its default.
+    """Return the field of an option.
 
-    The default is added to the help, ``MISSING`` means that it is required; several values have words.
-
-    ``more`` may be ``group``, the title of its group, and words about that after a colon; ``either``, the
-    name of those of which one may be given; ``names`` in place of its field's; ``positional``; ``const``, its
-    value if it is given without one; ``read``, which reads its text; ``choices``, which returns them;
-    ``parts``, which returns dataclasses whose options it has. What else it is is the command's own.
+    Parameters
+    ----------
+    text : str
+        Its help; what its default is, is added.
+    form : str
+        What stands for its value there; words for several values.
+    default : object
+        Its value if it is not given; ``MISSING``: it is required.
+    more
+        ``group``, the title of its group, and words about that after a colon; ``either``, the name of those
+        of which one may be given; ``names`` in place of its field's; ``positional``; ``const``, its value if
+        it is given without one; ``read``, which reads its text; ``choices``, which returns them; ``parts``,
+        which returns dataclasses whose options it has.
     """
     return dataclasses.field(default=default, metadata={"text": text, "form": form, **more})
 
@@ -153,7 +160,13 @@ _GIVE = {
 
 
 def options_of(kind: type[T], values: Mapping[str, Any], where: str) -> T:
-    """Read options from a table: of JSON, or of the command line and CSV files, whose values are text."""
+    """Read options from a table: of JSON, or of the command line and CSV files, whose values are text.
+
+    Raises
+    ------
+    RecordingError
+        If a name is unknown or a value is invalid.
+    """
     types = {field.name: str(field.type) for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     for name, value in values.items():
         if name not in types:
@@ -259,7 +272,19 @@ class SourceOptions:
     def from_dict(cls, values: Mapping[str, Any], where: str, base: Path | None = None) -> SourceOptions:
         """Read options from a table, of JSON or of a CSV file, in which empty text means not given.
 
-        ``where`` is its place, for messages; ``base`` the folder of relative paths.
+        Parameters
+        ----------
+        values : mapping
+            Option name to value.
+        where : str
+            The table's place, for messages.
+        base : Path, optional
+            Base folder of relative paths.
+
+        Raises
+        ------
+        RecordingError
+            If a name is unknown or a value is invalid.
         """
         known = {name: value for name, value in values.items() if value not in (None, "")}
         mends = {name: known.pop(name) for name in MENDS if name in known}

@@ -159,7 +159,13 @@ def open_recording(
 
 
 def place_of(source: str | os.PathLike[str]) -> Path:
-    """Return the folder or file of a source: a bundled name is resolved, a list stands for its folder."""
+    """Return the folder or file of a source: a bundled name is resolved, a list stands for its folder.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file or folder.
+    """
     path = Path(source)
     try:
         path = path.expanduser()

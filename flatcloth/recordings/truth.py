@@ -36,7 +36,13 @@ class TrueView:
 
 
 class Truth:
-    """The truth of a recording folder (``recording.location``): a sequence of :class:`TrueView`."""
+    """The truth of a recording folder (``recording.location``): a sequence of :class:`TrueView`.
+
+    Raises
+    ------
+    RecordingError
+        If the folder is not a recording, or has no truth.
+    """
 
     def __init__(self, folder: str | Path) -> None:
         self._recording = recording = open_folder(Path(folder))
@@ -56,7 +62,15 @@ class Truth:
         return len(self._recording)
 
     def __getitem__(self, view_index: int) -> TrueView:
-        """Read the truth of one view; ``IndexError`` if there is no such view."""
+        """Read the truth of one view.
+
+        Raises
+        ------
+        IndexError
+            If there is no such view.
+        RecordingError
+            If its image is missing, damaged, or of the wrong kind or size.
+        """
         check_index(self, view_index)
         path = self._recording.files[view_index].truth
         assert path is not None  # checked by the constructor

@@ -33,12 +33,36 @@ _SAME_CAMERA_PX = 1e-3
 
 
 class RecordingWriter:
-    """Creates or resumes a recording folder; a context manager, not thread-safe. A view takes about 60 ms.
+    """Creates or resumes a recording folder; a context manager.
 
-    The folder is created if missing. It must be empty; or, if ``resume`` is set, contain a recording of the
-    same camera, to which views are appended, and whose header stays. The other arguments are what the header
-    says: ``truth_header`` are ``garment``, ``held_at``, ``panel_of_interest`` of a synthetic recording. The
-    images are registered and free of distortion. No other process may write to the folder meanwhile.
+    Parameters
+    ----------
+    folder : Path
+        Created if missing. It must be empty, or contain a recording if ``resume`` is set.
+    name, description : str
+        A title of a few words, and a sentence.
+    intrinsics : Intrinsics
+        Camera of the images, which are registered and free of distortion.
+    depth_scale_m : float
+        Metres per unit of the depth images.
+    rotation_axis : RotationAxis, optional
+        Camera frame; without it readers estimate the axis.
+    held_point_m : array (3,), optional
+        Where the item is held, camera frame.
+    truth_header : dict, optional
+        ``garment``, ``held_at``, ``panel_of_interest`` of a synthetic recording.
+    resume : bool
+        Append to the existing recording and keep its header.
+
+    Raises
+    ------
+    RecordingError
+        If the folder is not empty (or, on resuming, holds something else or a recording of another
+        camera), is being written by another process, or cannot be written.
+
+    Notes
+    -----
+    A view of 480x848 px takes about 60 ms. Not thread-safe.
     """
 
     def __init__(
@@ -108,9 +132,24 @@ class RecordingWriter:
     ) -> int:
         """Write one view and return its number; it is then safe against a crash.
 
-        ``angle_deg`` is about the axis (right-hand rule), since view 0; ``depth_units`` (H, W) in units of
-        ``depth_scale_m``, 0 where nothing was measured; ``mask`` (H, W) True or 255 on the side of interest;
-        ``truth_bgr`` (H, W, 3) as the format describes. All views have a mask, or none, and so the truth.
+        Parameters
+        ----------
+        angle_deg : float
+            About the axis (right-hand rule), since view 0.
+        color_rgb : array (H, W, 3) uint8
+            RGB.
+        depth_units : array (H, W) uint16
+            In units of ``depth_scale_m``; 0 where nothing was measured.
+        mask : array (H, W) bool or uint8, optional
+            True or 255 on the side of interest. All views have one, or none.
+        truth_bgr : array (H, W, 3) uint16, optional
+            As the format describes, channels B, G, R. All views have one, or none.
+
+        Raises
+        ------
+        RecordingError
+            If the angle exists already, an image has the wrong shape or type or no depth, or the
+            view cannot be written; the recording then stays unchanged.
         """
         index = len(self._views)
         if mask is not None:
@@ -235,7 +274,13 @@ def _png(pixels: Any) -> bytes:
 
 
 class GrowingRecording(Recording):
-    """The recording that a writer writes; from its first view on it can be integrated."""
+    """The recording that a writer writes; from its first view on it can be integrated.
+
+    Parameters
+    ----------
+    writer : RecordingWriter
+        It owns the folder.
+    """
 
     is_growing = True
 
@@ -315,8 +360,22 @@ def write_masks(
 ) -> int:
     """Write the mask of each view as ``000.png`` and so on, 255 on the side of interest, with a report.
 
-    Moved into a recording as its folder ``mask``, the files can be named in its ``recording.json``: ``"mask":
-    "mask/000.png"``. The report is ``segmentation.json`` in the same folder.
+    Parameters
+    ----------
+    recording : Recording
+        Its views have masks.
+    folder : Path
+        New or empty. Moved into a recording as its folder ``mask``, the files can be named in its
+        ``recording.json``: ``"mask": "mask/000.png"``.
+    report : mapping
+        Written into the same folder as ``segmentation.json``.
+    progress : callable
+        Called with the share of the work done.
+
+    Raises
+    ------
+    RecordingError
+        If the folder holds something else, or cannot be written.
     """
     with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
         folder.mkdir(parents=True, exist_ok=True)

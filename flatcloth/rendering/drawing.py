@@ -56,7 +56,13 @@ _RENDERING = threading.RLock()
 
 
 def check_matplotlib() -> None:
-    """Check that drawings can be made: matplotlib may not be installed."""
+    """Check that drawings can be made.
+
+    Raises
+    ------
+    FlatclothError
+        If matplotlib is not installed.
+    """
     try:
         import matplotlib as mpl  # noqa: F401
     except ImportError as error:
@@ -107,7 +113,13 @@ def _saved(
 
 
 def figure_of(width: float, height: float) -> Figure:
-    """Return an empty figure of this size (points)."""
+    """Return an empty figure of this size (points).
+
+    Raises
+    ------
+    FlatclothError
+        If matplotlib is not installed.
+    """
     check_matplotlib()
     from matplotlib.figure import Figure
 

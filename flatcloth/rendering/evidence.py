@@ -33,6 +33,11 @@ def evidence(recording: Recording, finding: Finding) -> Uint8 | None:
 
     Two views are laid on each other after the recorded turn, or the outlines in depth and of the mask are
     drawn on the color; left as recorded, right with the first mend.
+
+    Raises
+    ------
+    RecordingError
+        If the views cannot be read.
     """
     if finding.views is None:
         return None
@@ -43,6 +48,11 @@ def mistaken(recording: Recording, views: tuple[int, int], mistakes: Mapping[str
     """Return a picture (H, W, 3) of two views laid on each other as recorded, and with mends, each named.
 
     Of one view it is the color with outlines; see :func:`evidence`.
+
+    Raises
+    ------
+    RecordingError
+        If the views cannot be read.
     """
     draw, pictures = _turned if len(set(views)) > 1 else _outlined, []
     for text, mends in {"as recorded": Mends(), **mistakes}.items():

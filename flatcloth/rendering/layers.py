@@ -75,6 +75,11 @@ def rgba(
 
     ``like`` is the view whose range the colours span, if it is another one; ``colors`` is the number of
     colours of a map of values.
+
+    Raises
+    ------
+    FlatclothError
+        If the layer is unknown.
     """
     if layer not in LAYERS:
         raise FlatclothError(f"Unknown layer {layer!r:.40}; choose one of {', '.join(LAYERS)}.")
@@ -94,7 +99,13 @@ def rgba(
 
 
 def difference_rgba(difference: Difference, kind: str) -> Uint8:
-    """Return a heat map (H, W, 4) uint8 of a difference; transparent where not both have cloth."""
+    """Return a heat map (H, W, 4) uint8 of a difference; transparent where not both have cloth.
+
+    Raises
+    ------
+    FlatclothError
+        If the kind of difference is unknown.
+    """
     of_kind = {"color": difference.color, "height": difference.height_m, "position": difference.distance_m}
     scalar, common = DIFFERENCES[kind], difference.common
     assert scalar.span is not None
@@ -184,7 +195,13 @@ def legend(
 
 
 def difference_legend(kind: str) -> dict[str, Any]:
-    """Return the legend of one of ``DIFFERENCES`` for the page."""
+    """Return the legend of one of ``DIFFERENCES`` for the page.
+
+    Raises
+    ------
+    FlatclothError
+        If the kind of difference is unknown.
+    """
     scalar = DIFFERENCES[kind]
     assert scalar.span is not None
     return _ramp(scalar, scalar.span)
@@ -235,8 +252,14 @@ class Difference:
 def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> Difference:
     """Compare two flattened views of the same plane where they overlap.
 
-    Each pixel of ``new``, placed on the shape, is compared with the bilinearly interpolated ``current`` one;
-    the axis is that of the heights.
+    Parameters
+    ----------
+    current : FlattenedView
+        The shape; it is interpolated bilinearly.
+    new : FlattenedView
+        The view placed on it; each of its pixels is compared.
+    axis : RotationAxis
+        Axis of the recording, for the heights.
     """
     at = np.nonzero(new.valid)
     rc = np.stack(at, axis=1)

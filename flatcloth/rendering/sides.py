@@ -31,9 +31,24 @@ def side_rgba(
 ) -> Uint8:
     """Draw labels (h, w) at their place in an image: blue of interest, orange other, striped undecided.
 
-    A label is 1 of interest, -1 other, 0 undecided, 2 not the item; less certain ones are paler. The crop
-    lies at ``offset_rc`` in the image of this shape (rows, columns). Cloth under ``strokes`` is opaque. With
-    ``doubt`` the labels' certainty is drawn instead: the less certain, the stronger the magenta.
+    Parameters
+    ----------
+    side : (h, w) int8
+        1 of interest, -1 other, 0 undecided, 2 not the item.
+    certainty : (h, w) float32
+        Less certain labels are paler.
+    offset_rc : (int, int)
+        Where the crop lies in the image.
+    shape : (int, int)
+        Rows and columns of the image.
+    strokes : (h, w) bool, optional
+        Cloth under strokes, drawn opaque.
+    doubt : bool
+        Draw how certain the labels are instead: the less certain, the stronger the magenta.
+
+    Returns
+    -------
+    (H, W, 4) uint8
     """
     image = np.zeros((*side.shape, 4), dtype=np.uint8)
     for label, color in ((1, THIS_RGBA), (-1, OTHER_RGBA), (2, OUTSIDE_RGBA)):

@@ -50,11 +50,30 @@ class FlatPanel:
 def flatten_panel(
     name: str, members: Int32, points_m: Float64, triangles: Int32, corner_uv: Float64 | None
 ) -> FlatPanel:
-    """Minimise Eq. (2) over the edges of a panel: its triangles ``members`` (K,) of the hanging mesh.
+    """Minimise Eq. (2) over the edges of a panel.
 
-    The texture coordinates (T, 3, 2), v up, are the start, unless they distort the cloth; then a conformal
-    map. Parts of a panel that do not touch are flattened separately; their distance has no meaning. ``name``
-    is for messages. It takes about half a second for 7000 vertices.
+    Parameters
+    ----------
+    name : str
+        Name for messages.
+    members : (K,) int32
+        Its triangles.
+    points_m : (N, 3) float64
+        The hanging mesh.
+    triangles : (T, 3) int32
+        Triangles of the mesh, counterclockwise seen from outside.
+    corner_uv : (T, 3, 2) float64 or None
+        Texture coordinates, v up: the start, unless they distort the cloth; then a conformal map.
+
+    Raises
+    ------
+    SynthesisError
+        If the panel cannot be flattened.
+
+    Notes
+    -----
+    Parts of a panel that do not touch are flattened separately; their distance has no meaning.
+    Cost: about half a second for 7000 vertices.
     """
     faces, vertex_of = _compact(triangles[members], triangles[members])
     points = points_m[vertex_of]

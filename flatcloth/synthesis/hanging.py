@@ -47,10 +47,26 @@ def hang(
 ) -> Hung:
     """Place the held point above the optical axis so that the item is centred in the image.
 
-    ``vertices`` (N, 3) are in the file's frame and unit, of ``scale`` metres, with the upward axis ``up`` as
-    of a ``Request``; ``held`` is a point in that frame, the index of a vertex, or None for the highest
-    vertex. The camera is ``distance_m`` from the turning axis. If ``balanced``, the mesh is rotated rigidly
-    so that its centroid hangs below the held point; otherwise it keeps the pose of its file.
+    Parameters
+    ----------
+    vertices : (N, 3)
+        In the file's frame and unit.
+    up : str
+        The file's upward axis, as ``Request.up``.
+    scale : float
+        Metres per unit of the file.
+    held : three numbers, int or None
+        The held point in the file's frame, the index of a vertex, or None for the highest vertex.
+    distance_m : float
+        Distance of the camera from the turning axis.
+    balanced : bool
+        Rotate the mesh rigidly so that its centroid hangs below the held point; otherwise it keeps
+        the pose of its file.
+
+    Raises
+    ------
+    SynthesisError
+        If the size is not that of a garment, the vertex does not exist, or the held point is not on top.
     """
     extent = float(np.ptp(vertices, axis=0).max()) * scale
     if not _EXTENT_M[0] <= extent <= _EXTENT_M[1]:

@@ -85,7 +85,13 @@ def suffix_of(path: Path) -> str:
 
 
 def read_mesh(path: Path, *, with_images: bool = True) -> GarmentMesh:
-    """Read a mesh file; without ``with_images``, its textures are neither read nor missed."""
+    """Read a mesh file; without ``with_images``, its textures are neither read nor missed.
+
+    Raises
+    ------
+    SynthesisError
+        If the file is missing, of another format, damaged, or has no triangles.
+    """
     if not path.is_file():
         raise SynthesisError(f"{path}: no such file. Name a mesh file ({', '.join(SUFFIXES)}).")
     with (

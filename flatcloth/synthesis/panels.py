@@ -41,9 +41,14 @@ def split_panels(mesh: GarmentMesh) -> tuple[tuple[str, Int32], ...]:
 
 
 def shared_edges(triangles: Int32) -> tuple[Int32, Int32]:
-    """Return the edges at which two triangles meet: their vertices (M, 2), and their corners (M, 2, 2).
+    """Return the edges at which two triangles meet.
 
-    Corners are, for each of the two triangles, the indices into ``triangles.ravel()`` at these vertices.
+    Returns
+    -------
+    edge : (M, 2) int32
+        The vertices of each edge.
+    corner : (M, 2, 2) int32
+        For each of the two triangles, the corners (indices into ``triangles.ravel()``) at these vertices.
     """
     flat = triangles.ravel()
     corner = np.arange(triangles.size, dtype=np.int32).reshape(-1, 3)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
@@ -75,9 +80,26 @@ def signed_areas(corner_uv: Float64) -> Float64:
 
 
 def cut_to_disk(triangles: Int32, points_m: Float64, name: str) -> Int32:
-    """Cut a connected piece along the shortest paths between its boundaries; a closed piece cannot be.
+    """Cut a connected piece along the shortest paths between its boundaries.
 
-    Returns nodes (T, 3): a vertex on a cut has two nodes. ``name`` is that of the panel, for messages.
+    Parameters
+    ----------
+    triangles : (T, 3) int32
+        Triangles of the piece.
+    points_m : (N, 3) float64
+        Its vertices.
+    name : str
+        Name of the panel, for messages.
+
+    Returns
+    -------
+    (T, 3) int32
+        Nodes: a vertex on a cut has two nodes.
+
+    Raises
+    ------
+    SynthesisError
+        If the piece is closed or has handles, so that such cuts do not make it a disk.
     """
     n, (edges, shared) = len(points_m), edges_of(triangles)
     # The number of the boundary that each vertex lies on, -1 for inner vertices.

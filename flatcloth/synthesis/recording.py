@@ -49,7 +49,13 @@ _FOLDED_SHARE = 0.005
 def camera_of(
     size_px: tuple[int, int], focal_px: float, center_px: tuple[float, float] | None = None
 ) -> Intrinsics:
-    """Return a camera; without a center, the principal point is the middle of the image."""
+    """Return a camera; without a center, the principal point is the middle of the image.
+
+    Raises
+    ------
+    SynthesisError
+        If the values are not those of a camera.
+    """
     width, height = size_px
     if not (64 <= width <= 4096 and 64 <= height <= 4096):
         raise SynthesisError(f"--size {width} {height}: choose 64 to 4096 pixels for each.")
@@ -64,6 +70,15 @@ def camera_of(
 def synthesize(request: Request, progress: Progress = no_progress) -> HungItem:
     """Synthesize a recording folder from a mesh; return the item, which has warnings for the user.
 
+    Raises
+    ------
+    SynthesisError
+        If the mesh cannot be read, hung or flattened, or an option does not match it.
+    RecordingError
+        If the folder is not empty or cannot be written.
+
+    Notes
+    -----
     It takes about 0.5 s per view of 480x848 px with noise, two thirds for noise and PNG files.
     """
     item = HungItem(request, progress)
@@ -120,7 +135,13 @@ class CellView:
 
 
 class HungItem:
-    """The mesh of a request, hanging before its camera and sensor; ``warnings`` are for the user."""
+    """The mesh of a request, hanging before its camera and sensor; ``warnings`` are for the user.
+
+    Raises
+    ------
+    SynthesisError
+        If the mesh cannot be read, hung or flattened, or an option does not match it.
+    """
 
     def __init__(self, request: Request, progress: Progress = no_progress) -> None:
         _check(request)
@@ -162,7 +183,13 @@ class HungItem:
         self._range_m = (max(request.distance_m - reach_m, _NEAREST_M), request.distance_m + reach_m)
 
     def seen(self, pose: Rigid3, points_m: Float64, random: np.random.Generator) -> CellView:
-        """Return what the camera sees of the vertices (N, 3), moved from where they hang into a pose."""
+        """Return what the camera sees of the vertices (N, 3), moved from where they hang into a pose.
+
+        Raises
+        ------
+        SynthesisError
+            If the item is not in the image.
+        """
         camera, noise = self.intrinsics, self.request.noise
         points_m, normals = pose.apply_with_normal(points_m, self.normals)
         view = self.scene.view(camera, points_m, normals)
@@ -256,11 +283,24 @@ class Cell(HungItem):
 
     ``points_m`` are its vertices (N, 3) as they hang at the start angle 0, camera frame; for evaluation.
 
-    Of the request, ``sway_mm`` sways the item at random for each view, ``angle_error_deg`` is that of the
-    turntable; ``out`` and ``step_deg`` are not used. ``start_deg`` is how the item is turned when the cell
-    stands at 0 degrees. With ``most_seen`` the panel of interest is the one, 1 or 2, whose outer face covers
-    more pixels of four views round the item, not that of the request.
+    Parameters
+    ----------
+    request : Request
+        The mesh, its panel of interest, the camera and the noise. ``sway_mm`` sways the item at random for
+        each view, ``angle_error_deg`` is that of the turntable; ``out`` and ``step_deg`` are not used.
+    start_deg : float
+        How the item is turned when the cell stands at 0 degrees.
+    most_seen : bool
+        The panel of interest is the one, 1 or 2, whose outer face covers more pixels of four views round the
+        item, not that of the request.
 
+    Raises
+    ------
+    SynthesisError
+        If the mesh cannot be read or hung, or an option does not match it.
+
+    Notes
+    -----
     A look takes about 0.5 s for 480x848 px. The same request, angle and number of the look give the same
     pictures, so that a loop that was killed goes on as if it had not been.
     """
@@ -281,9 +321,19 @@ class Cell(HungItem):
             self.panel_of_interest = int(pixels.argmax()) + 1
 
     def look(self, angle_deg: float, number: int) -> CellView:
-        """Turn the item to an angle, from 0 where the cell started, and return what the camera sees.
+        """Turn the item to an angle, and return what the camera sees.
 
-        The noise and the sway depend on the number of the look.
+        Parameters
+        ----------
+        angle_deg : float
+            As a recording's angles, from 0 where the cell started.
+        number : int
+            The number of the look; the noise and the sway depend on it.
+
+        Raises
+        ------
+        SynthesisError
+            If the item is not in the image.
         """
         seed, hung = self.request.seed, self.hung
         sway, error_deg = astray(hung, self.request, np.random.default_rng([seed, 1, number]))

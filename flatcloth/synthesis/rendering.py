@@ -85,10 +85,18 @@ class Projector:
 
 
 class Scene:
-    """A mesh that can be rendered in any pose, with its panels, panel 1 first.
+    """A mesh that can be rendered in any pose.
 
-    ``texture`` is a generated pattern, of which ``seed`` is the seed, a given one, or ``"mesh"`` for the
-    mesh's own colors.
+    Parameters
+    ----------
+    mesh : GarmentMesh
+        Its triangles and colors.
+    panels : sequence of FlatPanel
+        Panel 1 first.
+    texture : Texture
+        A generated pattern, a given one, or ``"mesh"`` for the mesh's own colors.
+    seed : int
+        Seed of the generated pattern.
     """
 
     def __init__(self, mesh: GarmentMesh, panels: tuple[FlatPanel, ...], texture: Texture, seed: int) -> None:

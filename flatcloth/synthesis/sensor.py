@@ -41,9 +41,21 @@ _UNSURE_M, _HOLE_SHARE = 0.065, 0.003
 
 
 def measure_depth(depth_m: Float32, focal_px: float, random: np.random.Generator) -> Float32:
-    """Simulate the sensor's depth image, of the true depth (H, W) along the optical axis, 0 where nothing is.
+    """Simulate the sensor's depth image.
 
-    It is in metres, 0 where nothing was measured; not yet rounded to depth units.
+    Parameters
+    ----------
+    depth_m : (H, W) float32
+        True depth along the optical axis, 0 where there is nothing.
+    focal_px : float
+        Focal length.
+    random : Generator
+        Source of the noise.
+
+    Returns
+    -------
+    (H, W) float32
+        Metres, 0 where nothing was measured; not yet rounded to depth units.
     """
     scale = focal_px * BASELINE_M
     measured = np.zeros_like(depth_m)
@@ -215,8 +227,16 @@ def measure_stereo(
 ) -> Float32:
     """Return the depth image (H, W) in metres that is matched between two infrared images; 0: none.
 
-    Scene and vertices are as of :meth:`Scene.view`, ``dots`` as of :func:`projector`; depths of ``range_m``,
-    near and far, are looked for.
+    Parameters
+    ----------
+    scene, camera, points_m, normals
+        As of :meth:`Scene.view`.
+    dots : Projector
+        As of :func:`projector`.
+    range_m : (near, far)
+        Depths that are looked for.
+    random : Generator
+        Source of the noise.
     """
     offset_m = np.array([0.0, -BASELINE_M, 0.0])
     own = scene.infrared(camera, points_m, normals, dots)
@@ -233,9 +253,18 @@ def measure_stereo(
 def match(first: Uint8, second: Uint8, least_px: int, most_px: int) -> Float32:
     """Match two images whose epipolar lines are the columns, by normalised cross-correlation.
 
-    A point at row r of ``first`` is at row r - disparity of ``second``; disparities from ``least_px`` to
-    ``most_px`` are tried. The disparity (H, W) is in pixels of ``first``, by a parabola to a fraction; 0
-    where nothing agrees, where the best match of ``second`` is another one, and in specks.
+    Parameters
+    ----------
+    first, second : (H, W) uint8
+        A point at row r of ``first`` is at row r - disparity of ``second``.
+    least_px, most_px : int
+        Disparities that are tried.
+
+    Returns
+    -------
+    (H, W) float32
+        Disparity in pixels of ``first``, by a parabola to a fraction; 0 where nothing agrees, where the best
+        match of ``second`` is another one, and in specks.
     """
     one, two = (image.astype(np.float32) for image in (first, second))
     (mean_1, std_1), (mean_2, std_2) = _moments(one), _moments(two)

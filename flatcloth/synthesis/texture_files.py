@@ -50,7 +50,10 @@ def _entry(folder: Path, name: str) -> Path | None:
 def read_texture(mesh: Path, name: str, library: Path | None = None) -> Uint8:
     """Return the pixels (H, W, 3) RGB of a texture that a mesh, or a library of it, names.
 
-    It is an error if it is larger than ``MOST_TEXTURE_PIXELS``.
+    Raises
+    ------
+    SynthesisError
+        If it is missing, not readable, or larger than ``MOST_TEXTURE_PIXELS``.
     """
     path = file_beside((library or mesh).parent, name) or file_beside(mesh.parent, name)
     if path is None:
@@ -69,7 +72,13 @@ def read_texture(mesh: Path, name: str, library: Path | None = None) -> Uint8:
 
 
 def rgb_of(source: Any, named: object) -> Uint8:
-    """Return the pixels (H, W, 3) RGB of an image of Pillow, or of an open file; ``named`` in messages."""
+    """Return the pixels (H, W, 3) RGB of an open image file, or of an image of Pillow; ``named`` in messages.
+
+    Raises
+    ------
+    SynthesisError
+        If it is not readable, or larger than ``MOST_TEXTURE_PIXELS``.
+    """
     from PIL import Image
 
     remedy = "Correct this texture, or choose a generated pattern with --texture."

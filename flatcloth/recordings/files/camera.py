@@ -73,10 +73,17 @@ def lens_model(name: Any) -> str | None:
 class Lens:
     """The distortion of a camera; with all coefficients zero it changes nothing.
 
-    Distorted and undistorted images have the same camera. ``model`` is a key of ``LENSES``; all but
-    ``fisheye`` are the identity without coefficients. By ``skew_px`` columns the pixels of the distorted
-    images lie farther right for each focal length below the principal point: the entry of the camera matrix
-    behind ``fx``.
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Camera of the distorted images and of the undistorted ones, which have the same size.
+    coefficients : sequence of float
+        As many as the model has, or fewer.
+    model : str
+        A key of ``LENSES``. All but ``fisheye`` are the identity without coefficients.
+    skew_px : float
+        Columns by which the pixels of the distorted images lie farther right for each focal length
+        below the principal point: the entry of the camera matrix behind ``fx``.
     """
 
     def __init__(
@@ -187,8 +194,18 @@ def checked_lens(
 ) -> Lens:
     """Return the lens if its distortion is invertible on the image.
 
-    ``coefficients`` are as many as the model has; more that are zero do no harm. ``model`` is named as the
-    source does (:func:`lens_model`); ``fail`` and ``where`` are as in :func:`checked_intrinsics`.
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Camera of the distorted and the undistorted images.
+    coefficients : sequence of float
+        As many as the model has; more that are zero do no harm.
+    fail, where
+        As in :func:`checked_intrinsics`.
+    model : object
+        The name of the model as the source gives it; see :func:`lens_model`.
+    skew_px : float
+        As in :class:`Lens`.
     """
     if not all(map(math.isfinite, coefficients)):
         fail(f"{where}distortion contains a number that is not finite", "Calibrate the camera again.")

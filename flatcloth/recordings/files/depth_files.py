@@ -107,9 +107,13 @@ def read_pcd(path: Path) -> OrganisedCloud:
 def camera_of(cloud: OrganisedCloud, path: Path) -> tuple[Intrinsics, Lens]:
     """Return the camera to whose pixels an organised cloud's points belong.
 
-    Each point lies on the ray of its pixel. A least-squares fit to several thousand points gives the focal
-    lengths, the principal point and, if the points are undistorted, the lens distortion; a camera that does
-    not project them to their pixels within half a pixel is none.
+    Each point lies on the ray of its pixel. A least-squares fit to several thousand points gives
+    the focal lengths, the principal point and, if the points are undistorted, the lens distortion.
+
+    Raises
+    ------
+    RecordingError
+        If no camera projects the points to their pixels within half a pixel.
     """
     import cv2
     from scipy.optimize import least_squares
@@ -157,7 +161,13 @@ KINDS = "16-bit PNG, TIFF or NPY with one channel, or organised PCD"
 
 
 def read_depth_header(path: Path) -> ImageHeader:
-    """Read the header of a depth image, without decoding it."""
+    """Read the header of a depth image, without decoding it.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, unreadable, damaged or not a depth image.
+    """
     try:
         with open_plain(path) as file:
             start = file.read(8)

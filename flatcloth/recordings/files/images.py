@@ -62,7 +62,13 @@ class ImageHeader:
 
 
 def read_header(path: Path) -> ImageHeader:
-    """Read the header of a PNG or JPEG file, without decoding it."""
+    """Read the header of a PNG or JPEG file, without decoding it.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, not a regular file, unreadable or neither PNG nor JPEG.
+    """
     if not path.exists():
         raise RecordingError(f"{path}: missing. Restore the image, or correct the list that names it.")
     if not path.is_file():
@@ -115,7 +121,13 @@ def turned_by_exif(path: Path) -> list[str]:
 
 
 def read_checked(path: Path, kind: str, camera: Intrinsics) -> ImageHeader:
-    """Read the header of an image: ``color``, ``depth``, ``mask`` or ``truth``, of the camera's size."""
+    """Read the header of an image file of a kind: ``color``, ``depth``, ``mask`` or ``truth``.
+
+    Raises
+    ------
+    RecordingError
+        As :func:`read_header`, and if it has another type, or not the camera's size.
+    """
     header = read_header(path)
     if kind == "color":
         fits = header.bits <= 8 and header.channels in ((3,) if header.kind == "jpeg" else (3, 4))

@@ -16,11 +16,17 @@ from flatcloth.recordings.files.text import shortened
 
 
 def load_with_libusb(name: str, kind: type[FlatclothError], need: str, packages: str) -> Any:
-    """Return the module ``pyrealsense2`` or ``open3d``; else raise ``kind``.
+    """Return the module ``pyrealsense2`` or ``open3d``.
 
-    The error has what ``need`` says, and the ``packages``. Both link to ``libusb-1.0.so.0``, which a minimal
-    Debian lacks. The system's, or that of the package libusb-package, is loaded first, with symbols that they
-    see.
+    Raises
+    ------
+    kind
+        If it is not installed, or its libraries are missing: what ``need`` says, and the ``packages``.
+
+    Notes
+    -----
+    Both link to ``libusb-1.0.so.0``, which a minimal Debian lacks. The system's, or that of the package
+    libusb-package, is loaded first, with symbols that they see.
     """
     try:
         try:

@@ -32,7 +32,13 @@ def failing(where: object) -> Fail:
 
 
 def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
-    """Return the text of a list or description in a recording, in UTF-8."""
+    """Return the text of a list or description in a recording.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, unreadable, not UTF-8, or too large.
+    """
     if not path.is_file():
         raise RecordingError(f"{path}: missing, or not a file. Restore it.")
     with os_errors_as(
@@ -50,6 +56,11 @@ def read_rows(path: Path) -> list[tuple[int, list[str]]]:
 
     Cells are separated by commas, tabs or blanks; or, if all lines have one, by semicolons or tabs only. A
     comma that does not separate is a decimal comma.
+
+    Raises
+    ------
+    RecordingError
+        As :func:`read_text`, and if a line is not one of a table.
     """
     every = enumerate(map(str.strip, read_text(path).splitlines()), start=1)
     aside = re.compile("#|sep=.$", re.IGNORECASE)  # comments, and Excel's first line
@@ -109,9 +120,19 @@ def _of_yaml(text: str) -> Any:
 
 
 def inside(folder: Path, name: Any, listed_in: Path, where: str) -> Path:
-    """Return the path of a file in a folder (resolved); it must not lead outside, also not through links.
+    """Return the path of a named file in a folder.
 
-    The name stands in the file ``listed_in`` at the place ``where``.
+    Parameters
+    ----------
+    folder : Path
+        The folder, resolved.
+    name : object
+        The name as it stands in the file ``listed_in`` at the place ``where``.
+
+    Raises
+    ------
+    RecordingError
+        If it is not a file name, or leads outside the folder, also through links.
     """
     text = shortened(name)
     fail = failing(listed_in)

@@ -72,8 +72,19 @@ def film_step_deg(options: SourceOptions, shots: Shots) -> float | None:
 def views_of(shots: Shots, options: SourceOptions, folder: Path | None = None) -> list[tuple[int, float]]:
     """Return the views: the number of the shot, and its angle in degrees since the first view.
 
-    A table may leave shots out; if no angles are given, ``angles.csv`` is searched in the folder. If angles
-    are multiplied by a mend, they are the same if they are so then.
+    Parameters
+    ----------
+    shots : Shots
+        The shots; a table may leave some of them out.
+    options : SourceOptions
+        A table of angles, or a step. If the angles are multiplied, they are the same if they are so then.
+    folder : Path, optional
+        Folder in which ``angles.csv`` is searched if no angles were given.
+
+    Raises
+    ------
+    RecordingError
+        If there are no angles, or they do not match the shots.
     """
     step_deg = options.step_deg
     fail = failing(shots.source)
@@ -116,7 +127,12 @@ def pair_by_time(
 ) -> list[tuple[int, int]]:
     """Return pairs of indices, in the order of the color times; each image is in at most one pair.
 
-    Times are in seconds, in any order. The nearest are paired first, and none farther apart than the limit.
+    Parameters
+    ----------
+    color_s, depth_s : sequences of float
+        Times in seconds, in any order.
+    most_apart_s : float
+        Images farther apart are not paired. The nearest are paired first.
     """
     color = np.asarray(color_s, dtype=np.float64)
     depth = np.asarray(depth_s, dtype=np.float64)
@@ -283,8 +299,14 @@ _TIMES_HELP = "Expected lines of two numbers: seconds since the first frame, and
 def read_turning(table: Path, first_clock_s: float, seconds: float) -> tuple[Float64, Float64]:
     """Return the times (N,) in seconds, increasing, and the angles (N,) in degrees of a table of both.
 
-    A line of names may be first. Times are of the camera's clock, which has ``first_clock_s`` at the first
-    frame, or count from that frame; the file takes so many ``seconds``.
+    Parameters
+    ----------
+    table : Path
+        Text with two columns, time in seconds and angle in degrees; a line of names may be first.
+    first_clock_s : float
+        The camera's clock at the first frame. Times use this clock or count from that frame.
+    seconds : float
+        Duration of the file.
     """
     rows, fail = list[tuple[float, float]](), failing(table)
     for place, (number, cells) in enumerate(read_rows(table)):

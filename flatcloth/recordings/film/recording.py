@@ -32,12 +32,19 @@ _FLOOR_UNITS = 1.0
 
 
 def average_depth(frames: Sequence[NDArray[np.uint16]]) -> Float32:
-    """Average depth images (H, W) uint16 of one scene, pixel by pixel, to (H, W) float32 in the same units.
+    """Average depth images (H, W) uint16 of one scene, pixel by pixel.
 
-    It is 0 where fewer than half of the frames measured, else the mean of the values within three robust
-    deviations of the median (1.48 times the median deviation). A pixel that alternates between two layers
-    therefore stays on the layer where it is seen more often; a plain mean would put it between them. 8 frames
-    of 640x480 px take 0.14 s.
+    Returns
+    -------
+    (H, W) float32
+        In units of the input images, with fractions; 0 where fewer than half of the frames measured.
+
+    Notes
+    -----
+    The result is the mean of the values within three robust deviations of the median (1.48 times
+    the median deviation). A pixel that alternates between two layers therefore stays on the layer
+    where it is seen more often; a plain mean would put it between them. 8 frames of 640x480 px
+    take 0.14 s.
     """
     stack = np.moveaxis(np.stack(frames), 0, -1)
     values = np.sort(np.where(stack > 0, stack, np.nan).astype(np.float32), axis=-1)  # NaN come last
@@ -79,9 +86,24 @@ def views_or_film(
 ) -> Recording:
     """Return a recording of shots that are either views or the frames of a film, whose stops are its views.
 
-    ``made`` returns the recording of some of the shots, given as pairs of number and angle in degrees; in
-    ``folder`` a table of angles may lie. Every frame of a film is read once, to find the stops: about 15 ms
-    each at 640x480 px. The frames of a stop are averaged when its view is read.
+    Parameters
+    ----------
+    made : callable
+        Returns the recording of some of the shots, given as pairs of number and angle in degrees.
+    shots, options, folder
+        The shots, what the user knows of their angles, and the folder where a table of angles may lie.
+    progress : callable
+        Called with the share of a film that has been searched.
+
+    Raises
+    ------
+    RecordingError
+        If the angles do not match the shots, or the item of a film never stands still.
+
+    Notes
+    -----
+    Every frame of a film is read once, to find the stops: about 15 ms each at 640x480 px. The frames of a
+    stop are averaged when its view is read.
     """
     step_deg = film_step_deg(options, shots)
     if step_deg is None or shots.times_s is None:

@@ -49,9 +49,16 @@ def read_camera(
 ) -> Camera:
     """Return the camera of a folder of images.
 
-    It is that of the options, or of ``intrinsic.json`` or the like in it. Without them it is computed from
-    depth in organised PCD files, and images of 640x480 px are assumed to be those of a Kinect, as in the TUM
-    RGB-D data set. The first color image gives the size if no file does.
+    Parameters
+    ----------
+    folder : Path
+        Folder with ``intrinsic.json`` or the like, if the user gives no camera. Without it, the camera is
+        computed from depth in organised PCD files, and images of 640x480 px are assumed to be those of a
+        Kinect, as in the TUM RGB-D data set.
+    first_color, first_depth : Path
+        The color image gives the size of the images if the file does not.
+    options : SourceOptions, optional
+        A camera file, or a field of view.
     """
     header = read_depth_header(first_depth) if first_color == first_depth else read_header(first_color)
     size = (header.width, header.height)
@@ -100,8 +107,11 @@ def _of_file(path: Path, size: tuple[int, int]) -> Camera:
 def camera_of_table(where: str, table: Any, size: tuple[int, int]) -> Camera:
     """Return the camera of images of a size (width, height) that a table of its values describes.
 
-    The error begins with ``where`` if a key that is understood has an impossible value, or two contradict
-    each other. What is not understood is named in a note.
+    Raises
+    ------
+    RecordingError
+        If a key that is understood has an impossible value, or two contradict each other; it begins with
+        ``where``. What is not understood is named in a note.
     """
     return _Description(where, table).camera(size)
 

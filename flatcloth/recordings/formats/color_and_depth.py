@@ -94,10 +94,22 @@ def recording_of(
 ) -> Recording:
     """Return the recording of a folder of images: views, or the stops of a film.
 
-    ``pairs`` are color and depth images in the folder, in order of capture, each with a mask if it has one;
-    ``colors`` are all color images, also those without partner; ``times_s`` is when each pair was taken.
-    ``options`` say the angles if ``angles_deg`` does not. ``units_per_m`` is that of integer depth if the
-    camera's file does not say. The name is by default the folder's.
+    Parameters
+    ----------
+    folder, pairs
+        Color and depth images in the folder, in order of capture, each pair with a mask if it has one.
+    options : SourceOptions
+        The camera, and the angles if the format does not contain them (``angles_deg``).
+    description, notes
+        One sentence, and remarks for the operator.
+    units_per_m : float
+        Units of integer depth, if the camera's file does not say.
+    times_s : sequence of float, optional
+        When each pair was taken.
+    colors : sequence of Path
+        All color images, also those without partner.
+    name : str
+        By default the folder's.
     """
     names, every = (
         [color.relative_to(folder).as_posix() for color in some]

@@ -73,8 +73,15 @@ def slots(stems: Sequence[str]) -> list[int] | None:
 def partners(ones: Sequence[Path], others: Sequence[Path]) -> dict[int, int]:
     """Return the place of each file of a stream that has a partner in another, and the partner's, in order.
 
-    Both streams are in order. Names that speak in two ways, or say nothing where the numbers of files differ,
-    are refused.
+    Parameters
+    ----------
+    ones, others : sequences of Path
+        The files of two folders, each in order.
+
+    Raises
+    ------
+    RecordingError
+        If names speak in two ways, or say nothing and the numbers of files differ.
     """
     stems = [[file.stem for file in files] for files in (ones, others)]
     for files, named in zip((ones, others), stems, strict=True):

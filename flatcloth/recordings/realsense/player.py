@@ -35,20 +35,38 @@ _SPATIAL_ALPHA, _SPATIAL_DELTA, _SPATIAL_MAGNITUDE = 0.7, 3.0, 2.0
 
 
 class FrameFilter:
-    """Converts framesets to registered color and depth images; ``active`` says whether the depth is filtered.
+    """Converts framesets to registered color and depth images.
 
-    ``profile`` is that of the pipeline that delivers the framesets, ``align`` one of ``ALIGNMENTS``,
-    ``source`` a name for messages. It is not active at first, for previews.
+    Parameters
+    ----------
+    library : module
+        ``pyrealsense2``.
+    profile : pipeline_profile
+        Profile of the pipeline that delivers the framesets.
+    align : str
+        One of ``ALIGNMENTS``.
+    source : str
+        Name for messages.
+
+    Raises
+    ------
+    RecordingError
+        If there is no depth or color stream, or its format is not supported.
+
+    Attributes
+    ----------
+    active : bool
+        Whether the depth is filtered; initially False, for previews.
 
     Notes
     -----
-    A spatial and then a temporal filter work on disparities, before the alignment: on depth, librealsense
-    rounds down to whole millimetres after each filter, which moves the surface 4 mm towards the camera, and
-    after the alignment a filter would work on duplicated or missing pixels. A device that is not a stereo
-    camera is therefore not filtered. The default settings of the spatial filter smooth layers into each other
-    (95 % of the pixels next to an edge are correct to 8.6 mm, with the settings here to 1.8 mm). The temporal
-    filter must be reset when the item is turned: see :meth:`fresh`. 640x480 px: 10 ms a frame, 1-2 ms while
-    not active.
+    A spatial and then a temporal filter work on disparities, before the alignment: on depth,
+    librealsense rounds down to whole millimetres after each filter, which moves the surface 4 mm
+    towards the camera, and after the alignment a filter would work on duplicated or missing
+    pixels. A device that is not a stereo camera is therefore not filtered. The default settings
+    of the spatial filter smooth layers into each other (95 % of the pixels next to an edge are
+    correct to 8.6 mm, with the settings here to 1.8 mm). The temporal filter must be reset when
+    the item is turned: see :meth:`fresh`. 640x480 px: 10 ms a frame, 1-2 ms while not active.
     """
 
     def __init__(self, library: Any, profile: Any, align: str, source: str) -> None:
@@ -187,11 +205,28 @@ def _selected(path: Path, query: str) -> list[tuple[Any, ...]] | None:
 
 
 class RealsensePlayer:
-    """A RealSense file, ``.db3`` or ``.bag``, that can be played any number of times.
+    """A RealSense file that can be played any number of times.
 
-    ``align`` is the camera to whose pixels the other's image is aligned. ``filter`` is that of the current
-    play; ``intrinsics``, ``depth_scale_m`` and ``fps`` are those of the images, ``duration_s`` that of the
-    file, and ``read_s`` the position that the last :meth:`play` reached.
+    Parameters
+    ----------
+    path : Path
+        A ``.db3`` or ``.bag`` file.
+    align : str
+        ``depth``: color is aligned to the depth camera's pixels; ``color``: depth to the color camera's.
+
+    Attributes
+    ----------
+    intrinsics, depth_scale_m, fps
+        Camera of the images, and depth unit and frame rate of the depth stream.
+    duration_s, read_s
+        Duration according to the file, and position that the last :meth:`play` reached.
+    filter : FrameFilter
+        The filter of the current play; initially not active.
+
+    Raises
+    ------
+    RecordingError
+        If librealsense cannot play the file; the message names file, cause and remedy.
     """
 
     def __init__(self, path: Path, align: str = ALIGNMENTS[0]) -> None:
@@ -222,8 +257,16 @@ class RealsensePlayer:
     def play(self, apart_frames: float = 0.5) -> Iterator[Pair]:
         """Play from the beginning, as fast as the caller takes the pairs.
 
-        Color and depth are at most ``apart_frames`` frame periods apart. In a damaged file the play ends
-        early without an error; ``is_short`` is then True.
+        Parameters
+        ----------
+        apart_frames : float
+            Largest time between color and depth, in frame periods.
+
+        Raises
+        ------
+        RecordingError
+            If the file cannot be played, or stalls. In a damaged file the play ends early without
+            an error; ``is_short`` is then True.
         """
         _, pipeline, playback = self._open(starting=True)
         self.read_s = 0.0

@@ -59,13 +59,28 @@ def open_realsense(
 ) -> Recording:
     """Play a RealSense file and return its views of the item.
 
-    The step is the rotation between two stops or, if the angle is known at all times, between views; its sign
-    is the direction of rotation. The table has times and angles; of a constant speed two lines are enough. By
-    default the stops are searched and assumed 10 degrees apart. ``align`` is one of ``ALIGNMENTS``. The notes
-    say what was found, and what is wrong with the file.
+    Parameters
+    ----------
+    path : Path
+        A ``.db3`` or ``.bag`` file.
+    options : SourceOptions, optional
+        The step is the rotation between two stops or, if the angle is known at all times, between views; its
+        sign is the direction of rotation. The table has times and angles; of a constant speed two lines are
+        enough. By default the stops are searched and assumed 10 degrees apart.
+    align : str, optional
+        One of ``ALIGNMENTS``.
+    progress : callable
+        Called with the share of the work done.
 
-    All views stay in memory: 2.8 MB each at 640x480 px. A frame of 480x848 px costs 12 ms of computing, and
-    30 ms more if it belongs to a view.
+    Returns
+    -------
+    Recording
+        All views in memory: 2.8 MB each at 640x480 px. Its notes say what was found, and what is wrong with
+        the file.
+
+    Notes
+    -----
+    A frame of 480x848 px costs 12 ms of computing, and 30 ms more if it belongs to a view.
     """
     given = options or SourceOptions()
     step_deg = _STEP_DEG if given.step_deg is None else given.step_deg

@@ -40,7 +40,15 @@ class Place:
 class Bag:
     """An open ROS recording; several threads may read from it.
 
-    It is a ``.bag`` of ROS 1, a ``.mcap`` or ``.db3`` of ROS 2, or the folder of a ROS 2 recording.
+    Parameters
+    ----------
+    path : Path
+        A ``.bag`` of ROS 1, a ``.mcap`` or ``.db3`` of ROS 2, or the folder of a ROS 2 recording.
+
+    Raises
+    ------
+    RecordingError
+        If ``rosbags`` is missing, or the file is damaged or of another format.
     """
 
     def __init__(self, path: Path) -> None:
@@ -75,8 +83,11 @@ class Bag:
     def stamps(self, *topics: str) -> list[list[tuple[Place, float]]]:
         """Return the position of each message of topics, and its time stamp in seconds.
 
-        It is the time of writing if no message of the topic has a stamp. The topics are read: 0.2 s for 300
-        MB that are in the system's cache.
+        It is the time of writing if no message of the topic has a stamp.
+
+        Notes
+        -----
+        Reads the topics: 0.2 s for 300 MB that are in the system's cache.
         """
         found: dict[str, list[tuple[Place, float]]] = {topic: [] for topic in topics}
         seen = Counter[tuple[str, int]]()

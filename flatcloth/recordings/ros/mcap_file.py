@@ -31,8 +31,19 @@ _OF_ROS = ("cdr", "ros1")
 class McapFile:
     """An open MCAP file: ``connections`` are its channels with messages, ``is2`` whether they are of ROS 2.
 
-    The index, which a writer may leave out, is not used: the file is read once, 1 GB in 1 to 4 s. If it is
-    damaged, the library may raise anything.
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    RecordingError
+        If it has no messages of ROS. If it is damaged, the library may raise anything.
+
+    Notes
+    -----
+    The index, which a writer may leave out, is not used: the file is read once, 1 GB in 1 to 4 s.
     """
 
     def __init__(self, path: Path) -> None:

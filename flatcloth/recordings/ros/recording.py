@@ -45,7 +45,13 @@ class UnreadableImageError(ValueError):
 
 
 def pixels_of(message: Any) -> Uint8 | Float32:
-    """Return color (H, W, 3) uint8 RGB or depth (H, W) in metres, 0 for none, of an image message."""
+    """Return color (H, W, 3) uint8 RGB or depth (H, W) in metres, 0 for none, of an image message.
+
+    Raises
+    ------
+    UnreadableImageError
+        If it is neither color nor depth that can be read.
+    """
     if not hasattr(message, "encoding"):
         values, order = _decompressed(message), "bgr"
     elif message.encoding in _COLORS:
@@ -129,7 +135,17 @@ class _Topic:
 
 
 def open_ros(path: Path, options: SourceOptions, progress: Progress = no_progress) -> Recording:
-    """Open a ROS recording; angles are those of the pairs, in order of their time stamps."""
+    """Open a ROS recording.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.bag`` of ROS 1, a ``.mcap`` or ``.db3`` of ROS 2, or the folder of a ROS 2 recording.
+    options : SourceOptions
+        Angles of the pairs of color and depth, in order of their time stamps.
+    progress : callable
+        Called with the share of a film that has been searched.
+    """
     path = path.resolve()
     bag = Bag(path)
     color, depth = _choose(path, bag)
