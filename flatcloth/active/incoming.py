@@ -12,7 +12,7 @@ from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import back_project, camera_from_object, object_from_camera, project
 from flatcloth.core.strokes import ImageStroke
-from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
+from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.surface import crop_to_item, foreground_mask
 from flatcloth.recordings.base import apart_deg
@@ -38,33 +38,14 @@ class ViewError(FlatclothError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SeenView:
-    """A view as announced.
+class SeenView(RgbdFrame):
+    """A view as announced, without a number; ``axis`` and ``held_point_m``, camera frame, None if unknown."""
 
-    ``color`` (H, W, 3) uint8 RGB; ``depth_m`` (H, W) float32, 0 where nothing was measured; ``mask`` (H, W)
-    of the side of interest, or None. ``axis`` and ``held_point_m``, camera frame, None if they are not known.
-    """
-
-    angle_deg: float
-    color: Uint8
-    depth_m: Float32
-    intrinsics: Intrinsics
+    view_index: int = 0
     mask: Bool | None = None
     axis: RotationAxis | None = None
     held_point_m: Float64 | None = None
     source: str = "a robot"
-
-    @property
-    def frame(self) -> RgbdFrame:
-        """The view as an unnumbered frame."""
-        return RgbdFrame(
-            view_index=0,
-            angle_deg=self.angle_deg,
-            color=self.color,
-            depth_m=self.depth_m,
-            mask=self.mask,
-            intrinsics=self.intrinsics,
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,11 +67,8 @@ def check_view(view: SeenView, recording: GrowingRecording | None) -> None:
     height, width = view.depth_m.shape
     if not math.isfinite(view.angle_deg) or abs(view.angle_deg) > 3600:
         raise ViewError(f"{view.angle_deg} is not an angle: announce degrees since the first view.")
-    if (view.intrinsics.width, view.intrinsics.height) != (width, height) or view.color.shape != (
-        height,
-        width,
-        3,
-    ):
+    is_registered = view.color.shape == (height, width, 3)
+    if not is_registered or (view.intrinsics.width, view.intrinsics.height) != (width, height):
         raise ViewError(
             f"color is {view.color.shape[1]}x{view.color.shape[0]}, depth {width}x{height} pixels and the "
             f"camera {view.intrinsics.width}x{view.intrinsics.height}: send images registered to each other."
@@ -162,7 +140,7 @@ class AngleFinder:
         axis, config = self._views.axis, self._views.config.surface
         for number in range(len(self._seen), len(self._views.angles_deg)):
             self._seen.append(_surface_of(self._views.recorded(number), axis, config))
-        new, count = _surface_of(view.frame, axis, config), len(self._seen)
+        new, count = _surface_of(view, axis, config), len(self._seen)
         poses = [object_from_camera(axis, angle) for angle in self._views.angles_deg]
         known_m = np.concatenate(
             [pose.apply(each.points_m[::count]) for pose, each in zip(poses, self._seen, strict=True)]

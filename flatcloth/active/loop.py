@@ -53,7 +53,7 @@ from flatcloth.engine.garment import (
 )
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.export.data import SessionData, frames_of
+from flatcloth.export.data import SessionData
 from flatcloth.methods.registry import method_name
 from flatcloth.recordings.base import SAME_VIEW_DEG, apart_deg
 from flatcloth.recordings.folder import HEADER as MANIFEST
@@ -222,11 +222,18 @@ class ActiveLoop:
             both = self._learnt.both
             garments = both or GarmentService(integration)
             self._learnt = replace(self._learnt, known=place_sure_pieces(garments, session))
-            frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
             if both is None and integration.algorithm.joins_sides:  # this side alone told the garment
                 both = GarmentService(integration)
             joined = None if both is None else both.joined
-            data = SessionData(integration, self.document, session.picks, frames, garments, joined)
+            data = SessionData(
+                integration,
+                self.document,
+                session.picks,
+                garments=garments,
+                both=joined,
+                rotation_deg=self.stands_deg,
+                base_from_camera=base_from_camera,
+            )
             return data.write(self.folder)
 
     def close(self) -> None:

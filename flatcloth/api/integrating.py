@@ -20,7 +20,7 @@ from flatcloth.engine.headless import Run, ViewDecision
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import prepare, take_strokes
 from flatcloth.engine.sheet import sheet_of
-from flatcloth.export.data import SessionData, frames_of
+from flatcloth.export.data import SessionData
 from flatcloth.flattening.flatten import Flattening
 from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.registry import method_name
@@ -215,9 +215,8 @@ def open_session(
 def _data(service: GarmentService, keeper: Keeper) -> SessionData:
     document, integration = keeper.state.document, service.integration
     if isinstance(keeper, MemorySession):
-        return SessionData(integration, document, (), frames_of(integration, document, {}), service)
-    frames = frames_of(integration, document, read_grips(keeper.folder))
-    return SessionData(integration, document, keeper.picks, frames, service)
+        return SessionData(integration, document, garments=service)
+    return SessionData(integration, document, keeper.picks, read_grips(keeper.folder), service)
 
 
 @contextlib.contextmanager

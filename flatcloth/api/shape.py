@@ -129,7 +129,7 @@ class Shape:
     @property
     def axis(self) -> RotationAxis:
         """The turning axis, object frame; estimated if the recording has none."""
-        return self.data.frames.axis
+        return self.data.integration.axis
 
     @property
     def report(self) -> dict[str, Any]:
@@ -251,7 +251,7 @@ class Shape:
 
             given = rigid_from_matrix(given, "the matrix")
         if given is not None:
-            data = replace(data, frames=replace(data.frames, base_from_camera=given))
+            data = replace(data, base_from_camera=given)
         return data.write(Path(folder), _WRITERS)
 
     def lines(self) -> list[str]:

@@ -134,30 +134,27 @@ def engine_of(
     return _of_dask(scheduler, out)
 
 
+@dataclass(frozen=True)
 class Engine:
     """What runs tasks, in a ``with`` block whose end stops what still runs.
 
     ``about`` says where they run, for the user; ``pool`` takes calls of ``task``, and ``stop`` ends it.
     """
 
-    def __init__(
-        self,
-        about: str,
-        pool: concurrent.futures.Executor,
-        stop: Callable[[], object],
-        task: Callable[[Question, Limits], dict[str, Any]] = run_task,
-    ) -> None:
-        self.about, self._pool, self._stop, self._task = about, pool, stop, task
+    about: str
+    pool: concurrent.futures.Executor
+    stop: Callable[[], object]
+    task: Callable[[Question, Limits], dict[str, Any]] = run_task
 
     def __enter__(self) -> Engine:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stop()
+        self.stop()
 
     def run(self, questions: Sequence[Question], limits: Limits) -> Iterator[tuple[int, Answer]]:
         """Yield the number of each question and its answer, as they come; an exception if its worker died."""
-        futures = {self._pool.submit(self._task, q, limits): n for n, q in enumerate(questions)}
+        futures = {self.pool.submit(self.task, q, limits): n for n, q in enumerate(questions)}
         for future in concurrent.futures.as_completed(list(futures)):
             number = futures.pop(future)  # A worker that dies is not asked for the results it gave.
             try:

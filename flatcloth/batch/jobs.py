@@ -28,13 +28,13 @@ from flatcloth.core.errors import FlatclothError, JournalError, os_errors_as
 from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.memory import trim
 from flatcloth.core.subprocess_worker import Message, memory_limit_bytes, serve
-from flatcloth.core.types import FlattenedView, Float64, Progress
+from flatcloth.core.types import Float64, Progress
 from flatcloth.engine.integration import Integration
 from flatcloth.export.garment import garment_document
 from flatcloth.flattening.surface import item_mask
 from flatcloth.methods.answers import Canonical
 from flatcloth.recordings import Recording, open_recording
-from flatcloth.rendering.pictures import picture_thumbnail
+from flatcloth.rendering.pictures import picture_thumbnail, webp
 
 ERROR_FILE = "error.txt"
 SUPERSEDED = ".superseded"
@@ -119,7 +119,8 @@ def _integrated(task: Task, folder: Path, seconds: dict[str, float], progress: P
     progress(1.0, "measuring")
     with timed(seconds, "measuring"):
         coverage = coverage_estimate(shape.data.integration, shape.data.canonical)
-        write_thumbnail(shape.view, folder)
+        thumbnail = webp(picture_thumbnail(shape.view, (THUMBNAIL_PX, THUMBNAIL_PX)))
+        (folder / THUMBNAIL_FILE).write_bytes(thumbnail)
     known = shape.data.garment
     columns = _outcome_columns(shape.report, shape.data.integration)
     columns["notes"] = " ".join([columns["notes"], *(finding.line for finding in check.findings)]).strip()
@@ -265,12 +266,3 @@ def _cells(points: Float64) -> Float64:
     finite = points[np.isfinite(points).all(axis=1)]
     keys = np.floor(finite / _CELL_M).astype(np.int64)
     return np.asarray((np.unique(keys, axis=0) + 0.5) * _CELL_M, dtype=np.float64)
-
-
-def write_thumbnail(view: FlattenedView, folder: Path) -> None:
-    """Write the flattened picture of a shape, transparent off the cloth, to its folder."""
-    rgba = picture_thumbnail(view, (THUMBNAIL_PX, THUMBNAIL_PX))
-    bgra = np.ascontiguousarray(rgba[..., [2, 1, 0, 3]])
-    done, data = cv2.imencode(".webp", bgra, [cv2.IMWRITE_WEBP_QUALITY, 70])
-    if done:
-        (folder / THUMBNAIL_FILE).write_bytes(bytes(data))

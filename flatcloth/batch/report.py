@@ -5,11 +5,9 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import re
 import shlex
 import threading
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
@@ -20,8 +18,7 @@ from flatcloth.batch.rows import COLUMNS, DONE, ROW_FILE, Column, counted, is_re
 from flatcloth.core.decoding import decoded
 from flatcloth.core.errors import FlatclothError, JournalError, RecordingError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
-from flatcloth.core.resources import static_folder
-from flatcloth.export.page import common_parts
+from flatcloth.export.page import filled
 from flatcloth.recordings.options import OPTION_NAMES, SourceOptions
 from flatcloth.rendering.drawing import data_url
 from flatcloth.session.journal_file import LockedError, open_locked, sealed, unsealed
@@ -140,14 +137,9 @@ def report_html(out: Path, *, served: bool) -> str:
         raise FlatclothError(
             f"{out}: has no results of a batch; run one: flatcloth batch SOURCE... --out {out}"
         )
-    parts = {
-        **common_parts("batch/report.js", "; connect-src 'self'"),
-        "title": escape(f"{out.resolve().name} \u00b7 flatcloth batch"),
-        # So that no text can end the element that contains it.
-        "data": json.dumps(_data(rows, out, served), allow_nan=False).replace("<", "\\u003c"),
-    }
-    template = (static_folder() / "batch" / "report.html").read_text("utf-8")
-    return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
+    parts = {"data": json.dumps(_data(rows, out, served), allow_nan=False)}
+    title = f"{out.resolve().name} \u00b7 flatcloth batch"
+    return filled("batch/report", title, parts, "; connect-src 'self'")
 
 
 def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from flatcloth.checking.color import Shown, color_findings, odds_of, pairing_findings, reduced
 from flatcloth.checking.comparison import Comparison, Reading, findings_of
-from flatcloth.checking.findings import MOST_SURE, Check, Finding
+from flatcloth.checking.findings import MOST_SURE, Check
 from flatcloth.checking.hypotheses import (
     MOST_TILT_DEG,
     axes,
@@ -143,9 +143,10 @@ def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
     pairing = pairing_findings(items, colors, numbers, len(recording))
     every = recording.intrinsics.height / items.shape[1]
     findings += pairing or color_findings(items, colors, numbers, every)
-    recorded = Reading(
-        angles_deg={view.view_index: view.angle_deg for view in views}, axis=axis or _vertical(views)
-    )
+    # Without an axis it is the vertical of a level camera through the item.
+    middle = np.median([view.middle_m for view in views], axis=0) if views else np.zeros(3)
+    vertical = RotationAxis(point_m=middle, direction=UP, estimated=True)
+    recorded = Reading(angles_deg={view.view_index: view.angle_deg for view in views}, axis=axis or vertical)
     shown = {one.look.view_index: one.shown for one in captured}
     comparison = Comparison(views, shown, recorded, recording.held_point_m)
     seen_at = None if axis else seen_axis(list(comparison.best_moves().values()), recorded.axis)
@@ -158,7 +159,9 @@ def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
             odds.get(link, -1.0) > 0.0 for link in recorded.neighbours if shows_turn(recorded.turn_deg(link))
         )
         if not background and not pairing:  # which does not turn; which turns as other views are recorded
-            findings += _turning(comparison)
+            is_fine = recorded.step_deg <= _MOST_STEP_DEG
+            simple = [turnings, axes, focal_lengths, slips] if is_fine else [turnings]
+            findings += findings_of(comparison, simple, [sideways, orders] if is_fine else [])
     findings.sort(key=lambda finding: (not finding.stops, -min(finding.probability, MOST_SURE)))
     why = "" if agreeing else _unjudged([view.angle_deg for view in views])
     return Check(findings=tuple(findings), views=len(looks), pairs=agreeing, unjudged=why)
@@ -174,13 +177,6 @@ def _unjudged(angles_deg: Sequence[float]) -> str:
             f"its views are recorded {step:.2g} degrees apart, too {'near' if step < 1 else 'far'} to compare"
         )
     return "no two neighbouring views show the same surface"
-
-
-def _turning(comparison: Comparison) -> list[Finding]:
-    """Return what is wrong with the turning, the rotation of the images, the axis and the focal length."""
-    if comparison.recorded.step_deg > _MOST_STEP_DEG:
-        return findings_of(comparison, [turnings], [])
-    return findings_of(comparison, [turnings, axes, focal_lengths, slips], [sideways, orders])
 
 
 def _chosen(angles_deg: Sequence[float]) -> list[int]:
@@ -240,12 +236,6 @@ def _seen_views(
             progress(n / len(numbers), "checking the recording")
             if seen is not None:
                 yield seen
-
-
-def _vertical(views: Sequence[ViewFeatures]) -> RotationAxis:
-    """Return the vertical of a level camera through the item."""
-    middle = np.median([view.middle_m for view in views], axis=0) if views else np.zeros(3)
-    return RotationAxis(point_m=middle, direction=UP, estimated=True)
 
 
 # --- for the teaching mode ------------------------------------------------------------------------

@@ -7,8 +7,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flatcloth.commands.options import PORT, Method, Output, SourceInformation
-from flatcloth.commands.options import Engine as EngineOptions
+from flatcloth.commands.options import JOBS, PORT, POSITIVE, Method, Output, SourceInformation
 from flatcloth.commands.output import ProgressBar, announce, report, say
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.recordings.options import option
@@ -29,7 +28,7 @@ _LOOKING = "looking at the results"
 
 
 @dataclass(kw_only=True)
-class Options(Output, SourceInformation, EngineOptions, Method):
+class Options(Output, SourceInformation, Method):
     """The options of the command."""
 
     sources: tuple[str, ...] = option(
@@ -40,6 +39,17 @@ class Options(Output, SourceInformation, EngineOptions, Method):
         positional=True,
     )
     out: Path | None = option("folder to write; what is done there stays", "DIR")
+    jobs: int | None = option(
+        "recordings at the same time, on this machine (default: all cores)", "N", either="engine", read=JOBS
+    )
+    scheduler: str | None = option(
+        "instead: on the workers of a Dask scheduler, tls://host:8786", "ADDRESS", either="engine"
+    )
+    no_tls: bool = option(
+        "use a scheduler that asks for no certificate: whoever reaches it can run code as you"
+    )
+    memory: float = option("memory that a recording may take beyond the libraries", "GB", 2.0, read=POSITIVE)
+    time_limit: float = option("seconds that a recording may take", "S", 1800.0, read=POSITIVE)
     again: bool = option("do again what is done; the old is set aside")
     report: bool = option("write DIR/report.html from the results in DIR", group=_LOOKING)
     coco: Path | None = option(
@@ -58,12 +68,13 @@ def run(options: Options) -> None:
     if options.out is None:
         raise FlatclothError("--out names no folder; give one for the results.")
     from flatcloth.batch.drive import owned, run_batch
-    from flatcloth.batch.engines import engine_of
+    from flatcloth.batch.engines import Limits, engine_of
     from flatcloth.batch.report import write_report
     from flatcloth.batch.rows import CSV
     from flatcloth.batch.tasks import tasks_of
 
     out = options.out.expanduser()
+    limits = Limits(memory_bytes=int(options.memory * 1e9), seconds=options.time_limit)
     with owned(out):
         tasks = tasks_of(options.sources, options.method, options.source_options(), out)
 
@@ -74,7 +85,7 @@ def run(options: Options) -> None:
 
         with _Teller() as teller:
             try:
-                count = run_batch(tasks, out, start, options.limits(), teller.tell, again=options.again)
+                count = run_batch(tasks, out, start, limits, teller.tell, again=options.again)
             except KeyboardInterrupt:
                 teller.stopped()
                 raise SystemExit(130) from None

@@ -15,11 +15,7 @@ from flatcloth.commands.output import ProgressBar, report, say
 from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
-    from flatcloth.api.shape import Shape
     from flatcloth.core.types import Progress
-    from flatcloth.export.data import SessionData
-    from flatcloth.recordings import Recording
-    from flatcloth.recordings.truth import Truth
 
 SUMMARY = "integrate unattended and compare with the truth"
 EXAMPLES = """examples:
@@ -58,9 +54,9 @@ def run(options: Options) -> None:
     if options.json is True:
         report(options, rows, ())
     elif options.json:
-        from flatcloth.export.files import write_text
+        from flatcloth.export.files import write_file
 
-        write_text(Path(options.json), json.dumps(rows, indent=1) + "\n")
+        write_file(Path(options.json), (json.dumps(rows, indent=1) + "\n").encode())
 
 
 def _sides_line(sides: dict[str, Any]) -> str:
@@ -93,52 +89,38 @@ def _garment_line(garment: dict[str, Any]) -> str:
 
 
 def _evaluated(source: str, options: Options, progress: Progress) -> dict[str, Any]:
-    """Integrate a recording without an operator, and return its figures by name."""
+    """Integrate a recording without an operator, and return its figures by name.
+
+    Those of the other side, and of the garment where ``truth/points.json`` is, are in tables of their own.
+    """
     from flatcloth.api.integrating import integrate
-    from flatcloth.engine.evaluation import compare
+    from flatcloth.engine.evaluation import compare, compare_garment, compare_sides, read_true_points
     from flatcloth.recordings import open_recording
     from flatcloth.recordings.truth import Truth
 
     recording = open_recording(source)
     truth = Truth(recording.location)
     shape = integrate(recording, method=options.method, progress=progress, cores=1, sides=options.sides)
-    evaluation = compare(shape.view, truth, recording)
-    return {
+    row = {
         "recording": recording.name,
         "method": options.method,
-        **dataclasses.asdict(evaluation),
+        **dataclasses.asdict(compare(shape.view, truth, recording)),
         "views": list(shape.views),
         "seconds": round(shape.seconds["integrating"], 2),
-        **_sides(shape, recording, truth),
-        **_garment(shape.data, recording, truth),
     }
-
-
-def _sides(shape: Shape, recording: Recording, truth: Truth) -> dict[str, Any]:
-    """Return the other side and its relation to this one compared with the truth; nothing without it."""
-    from flatcloth.engine.evaluation import compare_sides
-
-    sides = shape.data.sides
-    if sides is None:
-        return {}
+    sides, known = shape.data.sides, shape.data.garment
     if isinstance(sides, str):
-        return {"sides": {"reason": sides}}
-    return {"sides": dataclasses.asdict(compare_sides(shape.view, sides, truth, recording))}
-
-
-def _garment(data: SessionData, recording: Recording, truth: Truth) -> dict[str, Any]:
-    """Return the garment compared with ``truth/points.json``; nothing where there is none."""
-    from flatcloth.engine.evaluation import compare_garment, read_true_points
-
+        row["sides"] = {"reason": sides}
+    elif sides is not None:
+        row["sides"] = dataclasses.asdict(compare_sides(shape.view, sides, truth, recording))
     points = read_true_points(Path(recording.location))
-    if points is None:
-        return {}
-    known = data.garment
-    if isinstance(known, str):
-        return {"garment": {"kind": None, "true_kind": points.kind, "reason": known}}
-    canonical = known.canonical
-    compared = compare_garment(known.found, canonical.view, canonical.floating, truth, points, data.sides)
-    return {"garment": dataclasses.asdict(compared)}
+    if points is not None and isinstance(known, str):
+        row["garment"] = {"kind": None, "true_kind": points.kind, "reason": known}
+    elif points is not None and not isinstance(known, str):
+        cloth = known.canonical
+        compared = compare_garment(known.found, cloth.view, cloth.floating, truth, points, sides)
+        row["garment"] = dataclasses.asdict(compared)
+    return row
 
 
 _COLUMNS: tuple[tuple[str, str, str], ...] = (

@@ -21,7 +21,6 @@ from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.active.goal import Budget, Goal
-    from flatcloth.batch.engines import Limits
     from flatcloth.core.geometry import Rigid3
     from flatcloth.core.strokes import Decision
     from flatcloth.recordings import SourceOptions
@@ -191,43 +190,7 @@ class Source(SourceInformation):
 JOBS = whole(1, 1024, "is not a number of recordings; give 1 to 1024")
 PORT = whole(0, 65535, "is not a port; give a number from 0 to 65535")
 ANGLE = number(math.isfinite, "is not an angle; give degrees")
-_POSITIVE = number(lambda value: 0 < value < 1e6, "is not a positive number")
-
-
-@dataclass(kw_only=True)
-class Engine:
-    """What many recordings run on, and within which limits."""
-
-    jobs: int | None = option(
-        "recordings at the same time, on this machine (default: all cores)",
-        "N",
-        either="engine",
-        read=JOBS,
-    )
-    scheduler: str | None = option(
-        "instead: on the workers of a Dask scheduler, tls://host:8786", "ADDRESS", either="engine"
-    )
-    no_tls: bool = option(
-        "use a scheduler that asks for no certificate: whoever reaches it can run code as you"
-    )
-    memory: float = option(
-        "memory that a recording may take beyond the libraries",
-        "GB",
-        2.0,
-        read=_POSITIVE,
-    )
-    time_limit: float = option(
-        "seconds that a recording may take",
-        "S",
-        1800.0,
-        read=_POSITIVE,
-    )
-
-    def limits(self) -> Limits:
-        """Return the limits of a task."""
-        from flatcloth.batch.engines import Limits
-
-        return Limits(memory_bytes=int(self.memory * 1e9), seconds=self.time_limit)
+POSITIVE = number(lambda value: 0 < value < 1e6, "is not a positive number")
 
 
 @dataclass(kw_only=True)

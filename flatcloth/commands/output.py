@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import gc
 import io
 import json
@@ -16,13 +15,10 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from flatcloth.commands.options import Output
 from flatcloth.core.errors import FlatclothError, RecordingError, os_errors_as
-
-if TYPE_CHECKING:
-    from flatcloth.recordings import SourceOptions
 
 _said = logging.getLogger("flatcloth.said")
 _progress = logging.getLogger("flatcloth.progress")
@@ -98,7 +94,11 @@ def speaking(options: Output) -> Iterator[None]:
     if options.log_file is not None:
         handlers.append((root, _log_file(options.log_file)))
     if options.log_file is not None or options.verbose:  # in place of logging's handler of last resort
-        handlers.append((root, _Others(logging.INFO if options.verbose else logging.WARNING)))
+        others = logging.StreamHandler()  # what the libraries and the server log
+        others.setLevel(logging.INFO if options.verbose else logging.WARNING)
+        own = (_said.name, _progress.name, _failed.name)  # are printed already
+        others.addFilter(lambda record: record.name not in own)
+        handlers.append((root, others))
     kept_level = root.level
     for logger, handler in handlers:
         logger.addHandler(handler)
@@ -149,33 +149,6 @@ class _Printer(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Print one line."""
         print(_one_line(record.getMessage()), file=sys.stderr if self._on_stderr else sys.stdout, flush=True)
-
-
-class _Others(logging.StreamHandler):  # type: ignore[type-arg]
-    """Prints what the libraries and the server log, on stderr."""
-
-    def __init__(self, level: int) -> None:
-        super().__init__()
-        self.setLevel(level)
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Leave out the output of commands, which is printed already."""
-        return record.name not in (_said.name, _progress.name, _failed.name)
-
-
-def kept_mends(options: SourceOptions, session: Path) -> SourceOptions:
-    """Return options with the mends of a session that is continued, if none are given."""
-    from flatcloth.core.errors import JournalError
-    from flatcloth.recordings import SourceOptions
-    from flatcloth.session.header import HEADER, read_header
-
-    if options.mends is not None or not (session / HEADER).exists():
-        return options
-    try:
-        kept = SourceOptions.from_dict(read_header(session).recording.options, str(session))
-    except JournalError:
-        return options  # it is reported when the session is opened
-    return dataclasses.replace(options, mends=kept.mends)
 
 
 @contextlib.contextmanager

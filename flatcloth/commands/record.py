@@ -106,8 +106,7 @@ def lead(
         try:
             frame = camera.read()
         except CameraEndedError as end:
-            _leave_status_line()
-            say(str(end))
+            _tell(str(end))
             return
         state = guided.see(frame)
         place = (state.phase, len(state.kept_deg))
@@ -118,7 +117,9 @@ def lead(
         if frame.time_s >= next_look_s and not state.taken:
             next_look_s, before = frame.time_s + _LOOK_EVERY_S, warnings
             warnings = check_frame(frame.rgbd(camera)).warnings
-            _warn(warnings, before)
+            if _kinds(warnings) != _kinds(before):
+                for text in warnings:
+                    _tell(f"Warning: {text}")
         if state.phase is Phase.REVIEW and keeps_itself:
             guided.keep()
         else:
@@ -144,11 +145,9 @@ def _obey(guided: GuidedCapture, text: str | None) -> None:
         elif word != "":
             guided.do(lambda state: capture.aim(state, float(word)))
     except ValueError:
-        _leave_status_line()
-        say(f"{text.strip()[:40]!r}? Enter, r, q, or the angle in degrees.")
+        _tell(f"{text.strip()[:40]!r}? Enter, r, q, or the angle in degrees.")
     except IllegalDecisionError as error:
-        _leave_status_line()
-        say(str(error))
+        _tell(str(error))
 
 
 def _print_step(guided: GuidedCapture, before: tuple[object, int] | None, *, asking: bool) -> None:
@@ -157,8 +156,7 @@ def _print_step(guided: GuidedCapture, before: tuple[object, int] | None, *, ask
 
     state, number = guided.state, len(guided.state.kept_deg)
     if before is not None and number > before[1]:
-        _leave_status_line(erased=True)
-        say(f"View {number - 1} is kept.")
+        _tell(f"View {number - 1} is kept.", erased=True)
     if state.phase is Phase.TURN:
         hint = " (Enter: done; q: end)" if asking else ""
         say(f"View {number}: turn the item by {state.turn_by_deg:+g} degrees, to {state.target_deg:g}.{hint}")
@@ -167,10 +165,10 @@ def _print_step(guided: GuidedCapture, before: tuple[object, int] | None, *, ask
     elif state.phase is Phase.REVIEW and guided.taken is not None:
         view = guided.taken
         hint = " (Enter: keep; r: repeat; a number: correct its angle; q: end)" if asking else ""
-        _leave_status_line(erased=True)
-        say(
+        _tell(
             f"View {number} at {state.target_deg:g} degrees: {view.frames} frames, "
-            f"noise {view.noise_mm:.1f} mm.{hint}"
+            f"noise {view.noise_mm:.1f} mm.{hint}",
+            erased=True,
         )
         for warning in view.warnings:
             say(f"  {warning}")
@@ -189,6 +187,16 @@ def _show_stillness(state: Capture) -> None:
     print(f"\r  {words.get(state.phase, f'motion {speed} px/s')}\033[K", end="", flush=True)
 
 
+def _kinds(warnings: Sequence[str]) -> list[str]:
+    return [text.split(":")[0] for text in warnings]
+
+
+def _tell(text: str, *, erased: bool = False) -> None:
+    """Print a line below the line that shows the motion, or in its place."""
+    _leave_status_line(erased=erased)
+    say(text)
+
+
 def _has_status_line() -> bool:
     return sys.stdout.isatty() and speaks()
 
@@ -197,14 +205,6 @@ def _leave_status_line(*, erased: bool = False) -> None:
     """Continue on a line of its own, or in place of the line that shows the motion."""
     if _has_status_line():
         print("\r\033[K" if erased else "\n", end="", flush=True)
-
-
-def _warn(warnings: Sequence[str], before: Sequence[str]) -> None:
-    """Print warnings about the view of the item if their kinds are others than before."""
-    kinds, kinds_before = ([text.split(":")[0] for text in texts] for texts in (warnings, before))
-    for text in warnings if kinds != kinds_before else ():
-        _leave_status_line()
-        say(f"Warning: {text}")
 
 
 def typed() -> str | None:

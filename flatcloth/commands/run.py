@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from flatcloth.commands.options import HandEye, Method, Output, Sides, Source, Strokes
-from flatcloth.commands.output import ProgressBar, detail, kept_mends, loading, report
+from flatcloth.commands.output import ProgressBar, detail, loading, report
 from flatcloth.recordings.options import option
+
+if TYPE_CHECKING:
+    from flatcloth.recordings import SourceOptions
 
 SUMMARY = "integrate unattended and export the result"
 EXAMPLES = """examples:
@@ -32,7 +36,7 @@ def run(options: Options) -> None:
         from flatcloth.recordings import open_recording
 
     base_from_camera, strokes = options.base_from_camera(), options.decisions()
-    given = kept_mends(options.source_options(), options.out)
+    given = _with_kept_mends(options.source_options(), options.out)
     recording = open_recording(options.source, given)
     with ProgressBar(recording.name, steps=True) as bar:
         check = checked(recording, progress=bar.show)
@@ -57,3 +61,18 @@ def run(options: Options) -> None:
     report(options, shape.report, lines)
     for line in view_lines(shape.report):
         detail(line)
+
+
+def _with_kept_mends(options: SourceOptions, session: Path) -> SourceOptions:
+    """Return options with the mends of a session that is continued, if none are given."""
+    from flatcloth.core.errors import JournalError
+    from flatcloth.recordings import SourceOptions
+    from flatcloth.session.header import HEADER, read_header
+
+    if options.mends is not None or not (session / HEADER).exists():
+        return options
+    try:
+        kept = SourceOptions.from_dict(read_header(session).recording.options, str(session))
+    except JournalError:
+        return options  # it is reported when the session is opened
+    return replace(options, mends=kept.mends)

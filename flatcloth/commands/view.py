@@ -30,6 +30,7 @@ from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
     from flatcloth.active.service import Eye
+    from flatcloth.cameras.feed import CameraFeed
     from flatcloth.viewer.places import Chosen
     from flatcloth.viewer.server.app import PageServer
     from flatcloth.viewer.server.workspace import Opened
@@ -91,7 +92,7 @@ def opened_place(options: Options, chosen: Chosen, current: Path | None = None) 
     if chosen.kind == "camera":
         return opened_camera(options, chosen.source)
     if chosen.kind == "cell":
-        return opened_cell(dataclasses.replace(options, cell="", out=None))
+        return opened_loop(dataclasses.replace(options, cell="", out=None))
     from flatcloth.api.integrating import integration_of
     from flatcloth.engine.warmup import begin_ahead, compile_beside
     from flatcloth.recordings import SourceOptions, open_recording
@@ -136,8 +137,7 @@ def opened_camera(options: Options, serial: str) -> Opened:
     FlatclothError
         If there is no such camera, or options of the capture are invalid.
     """
-    from flatcloth.cameras import capture, open_camera
-    from flatcloth.cameras.feed import CameraFeed
+    from flatcloth.cameras import capture
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.live import camera_recording
     from flatcloth.session.header import default_session_folder
@@ -148,13 +148,12 @@ def opened_camera(options: Options, serial: str) -> Opened:
     settings = CaptureSettings(
         folder=options.out or Path(f"recording-{datetime.now():%Y%m%d-%H%M%S}"),
         step_deg=10.0 if (step_deg := options.source_options().step_deg) is None else step_deg,
-        frames=capture.FRAMES if options.frames is None else options.frames,
+        frames=_frames(options),
         resume=options.resume,
     )
     capture.begin(settings.step_deg, settings.frames)  # invalid values are reported before a camera starts
     with contextlib.ExitStack[None]() as stack:
-        feed = CameraFeed(open_camera(serial, options.align or "depth"))
-        stack.callback(lambda: feed.stop(timeout_s=5.0))
+        feed = _feed(options, serial, stack)
         integration = Integration(camera_recording(feed), method=options.method)
         integration.notes = feed.camera.notes
         path = options.session or default_session_folder(
@@ -166,55 +165,30 @@ def opened_camera(options: Options, serial: str) -> Opened:
         return Opened(integration, folder, controller=controller, close=stack.pop_all().close)
 
 
-def opened_cell(options: Options) -> Opened:
-    """Open a simulated cell with an active loop, for the page; its first view is taken.
+def opened_loop(options: Options, serial: str | None = None) -> Opened:
+    """Open an active loop for the page, with a camera or a simulated cell; its first view is taken.
 
-    Raises
-    ------
-    FlatclothError
-        If the mesh cannot be shown, or the folder cannot be written.
+    That of a camera is taken when the item hangs still.
     """
-    from flatcloth.active.eye import view_of_cell
+    from flatcloth.active.eye import CameraEye, view_of_cell
     from flatcloth.engine.warmup import compile_beside
-
-    options.aim()  # an invalid goal is reported before the mesh is read
-    compile_beside()
-    cell = options.simulated(options.out)
-    eye = functools.partial(view_of_cell, cell, masks=not options.no_masks)
-    return _opened_loop(options, eye, cell.name, contextlib.ExitStack())
-
-
-def opened_looking_camera(options: Options, serial: str) -> Opened:
-    """Open a camera with an active loop, for the page; its first view is taken when the item hangs still.
-
-    Raises
-    ------
-    FlatclothError
-        If there is no such camera, it sees no item at rest, or the folder cannot be written.
-    """
-    from flatcloth.active.eye import CameraEye
-    from flatcloth.cameras import capture, open_camera
-    from flatcloth.cameras.feed import CameraFeed
-
-    options.aim()
-    frames = capture.FRAMES if options.frames is None else options.frames
-    with contextlib.ExitStack[None]() as stack:
-        feed = CameraFeed(open_camera(serial, options.align or "depth"))
-        stack.callback(lambda: feed.stop(timeout_s=5.0))
-        eye = CameraEye(feed, frames)
-        feed.start()
-        say(f"{feed.camera.name}: the first view is taken when the item hangs still.")
-        return _opened_loop(options, eye, feed.camera.name, stack.pop_all())
-
-
-def _opened_loop(options: Options, eye: Eye, name: str, stack: contextlib.ExitStack[None]) -> Opened:
     from flatcloth.session.header import state_folder
     from flatcloth.viewer.modes.active import ActiveApplication, PageLoop
     from flatcloth.viewer.server.workspace import Opened
 
-    goal, budget = options.aim()
+    goal, budget = options.aim()  # an invalid goal is reported before anything is opened
     folder = options.out or state_folder() / "sessions" / f"active-{datetime.now():%Y%m%d-%H%M%S}"
-    with stack:
+    eye: Eye
+    with contextlib.ExitStack[None]() as stack:
+        if serial is None:
+            compile_beside()
+            cell = options.simulated(options.out)
+            eye, name = functools.partial(view_of_cell, cell, masks=not options.no_masks), cell.name
+        else:
+            feed = _feed(options, serial, stack)
+            eye, name = CameraEye(feed, _frames(options)), feed.camera.name
+            feed.start()
+            say(f"{name}: the first view is taken when the item hangs still.")
         loop = PageLoop(folder, goal, budget, options.method, name=name)
         stack.callback(loop.close)
         if not loop.views:
@@ -228,6 +202,21 @@ def _opened_loop(options: Options, eye: Eye, name: str, stack: contextlib.ExitSt
             base_from_camera=options.base_from_camera(),
             close=stack.pop_all().close,
         )
+
+
+def _feed(options: Options, serial: str, stack: contextlib.ExitStack[None]) -> CameraFeed:
+    from flatcloth.cameras import open_camera
+    from flatcloth.cameras.feed import CameraFeed
+
+    feed = CameraFeed(open_camera(serial, options.align or "depth"))
+    stack.callback(lambda: feed.stop(timeout_s=5.0))
+    return feed
+
+
+def _frames(options: Options) -> int:
+    from flatcloth.cameras import capture
+
+    return capture.FRAMES if options.frames is None else options.frames
 
 
 def page_options(options: Options) -> dict[str, Any]:
@@ -270,14 +259,14 @@ def first_of(options: Options) -> Callable[[], Opened] | None:
     if options.cell is not None:
         for name in excluded(options, ("source", "camera", "session")):
             raise FlatclothError(f"--cell shows a simulated cell; it does not go with --{name}.")
-        return lambda: opened_cell(options)
+        return functools.partial(opened_loop, options)
     if options.camera is not None:
         if options.source is not None:
             raise FlatclothError(
                 f"{options.source}: --camera shows a camera instead of a recording; give only one of"
                 " them. A RealSense file is played in the place of a camera by --camera FILE."
             )
-        opener = opened_camera if options.goal is None else opened_looking_camera
+        opener = opened_camera if options.goal is None else opened_loop
         return functools.partial(opener, options, options.camera)
     for name in excluded(options, ("out", "frames", "align", "resume")):
         raise FlatclothError(f"--{name} needs --camera; give both, or neither.")

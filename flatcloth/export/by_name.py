@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, GarmentError
+from flatcloth.export.data import GARMENT
 from flatcloth.export.files import zipped
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import JoinedSides
@@ -63,6 +64,8 @@ def made(session: OpenedSession, name: str) -> bytes:
             return outline_text(session.view, about, suffix, turn_rad, other).encode()
         case "data.zip":
             return zipped((name, make()) for name, make in session.data.files().items())
+    if name == GARMENT and isinstance(session.data.garment, str):
+        raise GarmentError(session.data.garment)
     make = session.data.files().get(name)
     if make is None:
         raise FlatclothError(f"This session has no {name}.")

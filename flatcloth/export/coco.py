@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,11 @@ import cv2
 import msgspec
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError, os_errors_as
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import window_of
 from flatcloth.core.types import Float64, RgbdFrame, RotationAxis
 from flatcloth.export.data import GARMENT, GRASPS
-from flatcloth.export.files import write_text
+from flatcloth.export.files import write_file
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.grasping.visibility import Visibility, project, visibility_in
 from flatcloth.recordings import SourceOptions, open_recording
@@ -60,15 +59,6 @@ class _Grasps(msgspec.Struct, frozen=True):
     rotation_axis: _Axis
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Result:
-    """A result: its folder, its garment, and the turning axis of its points."""
-
-    folder: Path
-    garment: _Garment
-    axis: RotationAxis
-
-
 def write_coco(folders: Iterable[Path], out: Path) -> tuple[int, int]:
     """Write ``annotations.json`` and the images of results whose garment is known; return their counts.
 
@@ -95,9 +85,17 @@ def write_coco(folders: Iterable[Path], out: Path) -> tuple[int, int]:
     by_kind = {category["name"]: category for category in categories}
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
-    results = [result for folder in folders if (result := _result(folder)) is not None]
-    for result in results:
-        for image, annotation in _views(result, by_kind[str(result.garment.kind)], out):
+    results = 0
+    for folder in folders:
+        garment = read_kept(folder / GARMENT, _Garment, "Export it again.")
+        grasps = read_kept(folder / GRASPS, _Grasps, "Export it again.")
+        if garment is None or grasps is None or garment.kind not in by_kind or not (folder / HEADER).exists():
+            continue
+        results += 1
+        axis = RotationAxis(
+            point_m=_numbers(grasps.rotation_axis.point_m), direction=_numbers(grasps.rotation_axis.direction)
+        )
+        for image, annotation in _views(folder, garment, axis, by_kind[garment.kind], out):
             number = len(images) + 1
             images.append({"id": number, **image})
             annotations.append({"id": number, "image_id": number, **annotation})
@@ -110,40 +108,20 @@ def write_coco(folders: Iterable[Path], out: Path) -> tuple[int, int]:
         "annotations": annotations,
         "categories": categories,
     }
-    write_text(out / ANNOTATIONS, json.dumps(document) + "\n")
-    return len(results), len(images)
-
-
-def _result(folder: Path) -> _Result | None:
-    """Read a result; None if its garment is not known."""
-    kinds = {kind.name for kind in known_kinds()}
-    garment = read_kept(folder / GARMENT, _Garment, "Export it again.")
-    grasps = read_kept(folder / GRASPS, _Grasps, "Export it again.")
-    if grasps is None or garment is None or garment.kind not in kinds or not (folder / HEADER).exists():
-        return None
-    axis = grasps.rotation_axis
-    return _Result(
-        folder=folder,
-        garment=garment,
-        axis=RotationAxis(
-            point_m=np.array(axis.point_m, dtype=np.float64),
-            direction=np.array(axis.direction, dtype=np.float64),
-        ),
-    )
+    write_file(out / ANNOTATIONS, (json.dumps(document) + "\n").encode())
+    return results, len(images)
 
 
 def _views(
-    result: _Result, category: dict[str, Any], out: Path
+    folder: Path, garment: _Garment, axis: RotationAxis, category: dict[str, Any], out: Path
 ) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    header = read_header(result.folder)
-    options = SourceOptions.from_dict(header.recording.options, str(result.folder / HEADER))
+    header = read_header(folder)
+    options = SourceOptions.from_dict(header.recording.options, str(folder / HEADER))
     recording = open_recording(header.recording.location, options)
     for index in range(len(recording)):
         frame = recording[index]
-        name = f"images/{result.folder.name}/{index:04d}.jpg"
-        with os_errors_as(FlatclothError, f"{out / name}: cannot be written", "Choose another folder."):
-            (out / name).parent.mkdir(parents=True, exist_ok=True)
-            (out / name).write_bytes(jpeg(frame.color))
+        name = f"images/{folder.name}/{index:04d}.jpg"
+        write_file(out / name, jpeg(frame.color))
         image = {
             "file_name": name,
             "width": frame.intrinsics.width,
@@ -152,13 +130,13 @@ def _views(
             "view_index": index,
             "angle_deg": frame.angle_deg,
         }
-        yield image, {"category_id": category["id"], "iscrowd": 0, **_annotation(result, category, frame)}
+        keypoints: list[float] = []
+        for point in category["keypoints"]:
+            keypoints += _keypoint(garment.points.get(point), axis, frame)
+        yield image, {"category_id": category["id"], "iscrowd": 0, **_annotation(keypoints, frame)}
 
 
-def _annotation(result: _Result, category: dict[str, Any], frame: RgbdFrame) -> dict[str, Any]:
-    keypoints: list[float] = []
-    for name in category["keypoints"]:
-        keypoints += _keypoint(result.garment.points.get(name), result.axis, frame)
+def _annotation(keypoints: list[float], frame: RgbdFrame) -> dict[str, Any]:
     item = frame.mask if frame.mask is not None and frame.mask.any() else frame.depth_m > 0
     rows, cols = window_of(item) or np.s_[0:0, 0:0]
     box = [cols.start, rows.start, cols.stop - cols.start, rows.stop - rows.start]

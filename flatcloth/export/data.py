@@ -348,15 +348,29 @@ class SessionData:
     ``garments`` recognises the garment, a new service by default. ``both`` joins the other side to a
     document's shape, if that belongs to it.
     ``is_growing``: views are still being added, and no garment is recognised for the deviations of the shape.
+    Grasp poses are at ``rotation_deg`` of the item, by default that of the last viewed view.
     """
 
     integration: Integration
     document: Document
-    picks: tuple[Pick, ...]
-    frames: GraspFrames
+    picks: tuple[Pick, ...] = ()
+    grips: Mapping[int, Grip] = field(default_factory=dict)
     garments: GarmentService | None = None
     both: Callable[[Document], JoinedSides | str] | None = None
     is_growing: bool = False
+    rotation_deg: float | None = None
+    base_from_camera: Rigid3 | None = None
+
+    @property
+    def frames(self) -> GraspFrames:
+        """The frames of grasp poses."""
+        standing = self.integration.recording.angles_deg[self.document.present_view or 0]
+        return GraspFrames(
+            axis=self.integration.axis,
+            rotation_deg=standing if self.rotation_deg is None else self.rotation_deg,
+            grips=self.grips,
+            base_from_camera=self.base_from_camera,
+        )
 
     @cached_property
     def canonical(self) -> Canonical:
@@ -434,20 +448,3 @@ class SessionData:
         written = write_files(files, folder, threads)
         remove_stale(files, folder)
         return written
-
-
-def frames_of(
-    integration: Integration,
-    document: Document,
-    grips: Mapping[int, Grip],
-    base_from_camera: Rigid3 | None = None,
-    rotation_deg: float | None = None,
-) -> GraspFrames:
-    """Return the frames of grasp poses; by default at the rotation of the last viewed view."""
-    standing = integration.recording.angles_deg[document.present_view or 0]
-    return GraspFrames(
-        axis=integration.axis,
-        rotation_deg=standing if rotation_deg is None else rotation_deg,
-        grips=grips,
-        base_from_camera=base_from_camera,
-    )

@@ -26,11 +26,6 @@ def zipped(files: Iterable[tuple[str, bytes]]) -> bytes:
     return data.getvalue()
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file, and create its folder; raises as :func:`write_file`."""
-    write_file(path, text.encode())
-
-
 def write_file(path: Path, data: bytes) -> None:
     """Write a file, and create its folder.
 

@@ -106,31 +106,24 @@ def write_rrd(session: OpenedSession, path: Path) -> None:
     names = [point.name for point in points]
     stream.log(f"{OBJECT}/points", rr.Points3D(positions_m, labels=names, radii=0.005), static=True)
     for moment in moments(session):
-        _log(rr, stream, session, moment, positions_m, names)
+        frame, pose = moment.frame, moment.camera_from_object
+        stream.set_time("step", sequence=moment.order)
+        # Timelines count whole numbers: thousandths of a degree.
+        stream.set_time("angle", sequence=round(1000 * frame.angle_deg))
+        stream.log("angle_deg", rr.Scalars(frame.angle_deg))
+        stream.log(OBJECT, rr.Transform3D(translation=pose.translation_m, mat3x3=pose.rotation))
+        stream.log(f"{OBJECT}/cloud", rr.Points3D(moment.points_m, colors=moment.colors, radii=0.001))
+        stream.log("camera/image/color", rr.EncodedImage(contents=jpeg(frame.color), media_type="image/jpeg"))
+        depth = cv2.imencode(".png", np.rint(DEPTH_PER_M * frame.depth_m).astype(np.uint16))[1].tobytes()
+        encoded = rr.EncodedDepthImage(depth, media_type="image/png", meter=DEPTH_PER_M)
+        stream.log("camera/image/depth", encoded)
+        flat = png_bytes(session.growth.view.rgb, moment.shown)
+        stream.log("flat/image", rr.EncodedImage(contents=flat, media_type="image/png"))
+        if points:
+            in_camera = rr.Points3D(pose.apply(positions_m), labels=names, radii=0.005)
+            stream.log("points_in_camera", in_camera)
     stream.flush()
     stream.disconnect()
-
-
-def _log(
-    rr: Any, stream: Any, session: OpenedSession, moment: Moment, positions_m: Any, names: list[str]
-) -> None:
-    frame, pose = moment.frame, moment.camera_from_object
-    stream.set_time("step", sequence=moment.order)
-    # Timelines count whole numbers: thousandths of a degree.
-    stream.set_time("angle", sequence=round(1000 * frame.angle_deg))
-    stream.log("angle_deg", rr.Scalars(frame.angle_deg))
-    stream.log(OBJECT, rr.Transform3D(translation=pose.translation_m, mat3x3=pose.rotation))
-    stream.log(f"{OBJECT}/cloud", rr.Points3D(moment.points_m, colors=moment.colors, radii=0.001))
-    stream.log("camera/image/color", rr.EncodedImage(contents=jpeg(frame.color), media_type="image/jpeg"))
-    depth = cv2.imencode(".png", np.rint(DEPTH_PER_M * frame.depth_m).astype(np.uint16))[1].tobytes()
-    encoded = rr.EncodedDepthImage(depth, media_type="image/png", meter=DEPTH_PER_M)
-    stream.log("camera/image/depth", encoded)
-    rgb = session.growth.view.rgb
-    flat = png_bytes(rgb, moment.shown)
-    stream.log("flat/image", rr.EncodedImage(contents=flat, media_type="image/png"))
-    if len(positions_m):
-        in_camera = pose.apply(positions_m)
-        stream.log("points_in_camera", rr.Points3D(in_camera, labels=names, radii=0.005))
 
 
 # --- MCAP, for Foxglove ---------------------------------------------------------------------------
@@ -177,59 +170,49 @@ def write_mcap(session: OpenedSession, path: Path) -> None:
 def _messages(session: OpenedSession, moment: Moment, poses: dict[str, Rigid3]) -> dict[str, Any]:
     from foxglove import messages as types
 
+    def place(kind: Any, motion: Rigid3) -> Any:
+        x, y, z = map(float, motion.translation_m)
+        return kind(x=x, y=y, z=z)
+
+    def turn(motion: Rigid3) -> Any:
+        w, x, y, z = map(float, quaternion_wxyz(motion.rotation))
+        return types.Quaternion(x=x, y=y, z=z, w=w)
+
     frames = {"object": ("camera", moment.camera_from_object)}
     frames |= {f"point/{name}": ("object", pose) for name, pose in poses.items()}
     transforms = [
         types.FrameTransform(
             parent_frame_id=parent,
             child_frame_id=child,
-            translation=_vector(types.Vector3, motion),
-            rotation=_quaternion(types, motion),
+            translation=place(types.Vector3, motion),
+            rotation=turn(motion),
         )
         for child, (parent, motion) in frames.items()
     ]
-    listed = [
-        types.Pose(position=_vector(types.Vector3, pose), orientation=_quaternion(types, pose))
-        for pose in poses.values()
-    ]
-    flat = png_bytes(session.growth.view.rgb, moment.shown)
+    listed = [types.Pose(position=place(types.Vector3, p), orientation=turn(p)) for p in poses.values()]
     k = session.integration.recording.intrinsics
     matrix = [k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0]
     projection = [*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0]
+    kinds = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
+    points = np.rec.fromarrays([*moment.points_m.T, *moment.colors.T], dtype=kinds)
+    numbers = types.PackedElementFieldNumericType
+    fields = [
+        types.PackedElementField(
+            name=name, offset=offset, type=numbers.Float32 if kind == np.float32 else numbers.Uint8
+        )
+        for name, (kind, offset, *_) in (points.dtype.fields or {}).items()
+    ]
+    cloud = types.PointCloud(
+        frame_id="object", point_stride=points.itemsize, fields=fields, data=points.tobytes()
+    )
+    flat = png_bytes(session.growth.view.rgb, moment.shown)
     return {
         "tf": types.FrameTransforms(transforms=transforms),
         "calibration": types.CameraCalibration(
             frame_id="camera", width=k.width, height=k.height, K=matrix, P=projection
         ),
         "color": types.CompressedImage(frame_id="camera", data=jpeg(moment.frame.color), format="jpeg"),
-        "cloud": _cloud(types, moment),
+        "cloud": cloud,
         "flat": types.CompressedImage(frame_id="flattened", data=flat, format="png"),
         "points": types.PosesInFrame(frame_id="object", poses=listed),
     }
-
-
-def _cloud(types: Any, moment: Moment) -> Any:
-    kinds = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
-    points = np.rec.fromarrays([*moment.points_m.T, *moment.colors.T], dtype=kinds)
-    numbers = types.PackedElementFieldNumericType
-    offsets = {name: offset for name, (_, offset, *_rest) in (points.dtype.fields or {}).items()}
-    fields = [
-        types.PackedElementField(
-            name=name, offset=offsets[name],
-            type=numbers.Float32 if kind == "<f4" else numbers.Uint8,
-        )
-        for name, kind in kinds
-    ]  # fmt: skip
-    return types.PointCloud(
-        frame_id="object", point_stride=points.itemsize, fields=fields, data=points.tobytes()
-    )
-
-
-def _vector(kind: Any, motion: Rigid3) -> Any:
-    x, y, z = map(float, motion.translation_m)
-    return kind(x=x, y=y, z=z)
-
-
-def _quaternion(types: Any, motion: Rigid3) -> Any:
-    w, x, y, z = map(float, quaternion_wxyz(motion.rotation))
-    return types.Quaternion(x=x, y=y, z=z, w=w)

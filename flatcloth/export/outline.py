@@ -18,10 +18,8 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2
 
 FORMAT = "flatcloth-outline/1"
-MARGIN_MM = 10.0
+MARGIN_MM, RULE_MM = 10.0, 100.0
 """Margin of the sheet, and length of the drawn rule. Chosen."""
-RULE_MM = 100.0
-"""See ``MARGIN_MM``."""
 GAP_MM = 60.0
 """Between both sides. Chosen: as on the page."""
 
@@ -164,50 +162,43 @@ def drawing(
     )
 
 
-def _opened(drawn: Drawing) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
-    """Return how far this side and the other are moved as an opened book, and the size of both, mm.
+def _opened(drawn: Drawing) -> tuple[dict[str, list[Piece]], tuple[float, float]]:
+    """Return the pieces of each side, as an opened book, and the size of both, mm.
 
     What is at one height of the item is at one height of the drawing.
     """
-    other = drawn.other
+    (width, height), other = drawn.size_mm, drawn.other
     if other is None:
-        return (0.0, 0.0), (0.0, 0.0), drawn.size_mm
+        return {"outline": list(drawn.pieces)}, drawn.size_mm
     down = other.origin_uv_mm[1] - drawn.origin_uv_mm[1]
-    own, its = (0.0, max(0.0, -down)), (drawn.size_mm[0] + GAP_MM, max(0.0, down))
-    height = max(own[1] + drawn.size_mm[1], its[1] + other.size_mm[1])
-    return own, its, (its[0] + other.size_mm[0], height)
+    own, its = (0.0, max(0.0, -down)), (width + GAP_MM, max(0.0, down))
+    sides = {
+        name: [tuple(rim + at_mm for rim in piece) for piece in side.pieces]
+        for name, side, at_mm in (("outline", drawn, own), ("other-side", other, its))
+    }
+    return sides, (its[0] + other.size_mm[0], max(own[1] + height, its[1] + other.size_mm[1]))
 
 
 def svg(drawn: Drawing) -> str:
     """Return an SVG in true millimetres, with a rule of 100 mm to check a print."""
-    own, its, size_mm = _opened(drawn)
+    sides, size_mm = _opened(drawn)
     width, height = (size + 2 * MARGIN_MM for size in size_mm)
     below = height + 6.0
     rule = f"M{MARGIN_MM:g} {below - 4:.2f}v2h{RULE_MM:g}v-2"
-    return "\n".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.2f}mm" height="{below:.2f}mm"'
-            f' viewBox="0 0 {width:.2f} {below:.2f}">',
-            f"<title>{escape(drawn.name)}</title>",
-            f"<desc>Outline of the flattened cloth, 1:1 in mm; {drawn.area_cm2:.1f} cm2.</desc>",
-            *_group("outline", drawn, own),
-            *(() if drawn.other is None else _group("other-side", drawn.other, its)),
-            f'<path id="rule-{RULE_MM:g}-mm" fill="none" stroke="#000" stroke-width="0.25" d="{rule}"/>',
-            "</svg>",
-            "",
-        ]
-    )
-
-
-def _group(name: str, drawn: Drawing, at_mm: tuple[float, float]) -> list[str]:
-    paths = [f'<path d="{"".join(_path(rim + at_mm) for rim in piece)}"/>' for piece in drawn.pieces]
-    style = 'fill="none" fill-rule="evenodd" stroke="#000" stroke-width="0.25"'
-    return [f'<g id="{name}" {style}>', *paths, "</g>"]
-
-
-def _path(polygon: Float64) -> str:
-    x, y = (polygon + MARGIN_MM).T
-    return "M" + "L".join(f"{a:.2f} {b:.2f}" for a, b in zip(x, y, strict=True)) + "Z"
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.2f}mm" height="{below:.2f}mm"'
+        f' viewBox="0 0 {width:.2f} {below:.2f}">',
+        f"<title>{escape(drawn.name)}</title>",
+        f"<desc>Outline of the flattened cloth, 1:1 in mm; {drawn.area_cm2:.1f} cm2.</desc>",
+    ]
+    for name, pieces in sides.items():
+        lines.append(f'<g id="{name}" fill="none" fill-rule="evenodd" stroke="#000" stroke-width="0.25">')
+        for piece in pieces:
+            rims = ("L".join(f"{x:.2f} {y:.2f}" for x, y in rim + MARGIN_MM) for rim in piece)
+            lines.append(f'<path d="{"".join(f"M{rim}Z" for rim in rims)}"/>')
+        lines.append("</g>")
+    lines.append(f'<path id="rule-{RULE_MM:g}-mm" fill="none" stroke="#000" stroke-width="0.25" d="{rule}"/>')
+    return "\n".join([*lines, "</svg>", ""])
 
 
 _LAYERS = {"OUTLINE": 7, "HOLES": 1, "OTHER_OUTLINE": 5, "OTHER_HOLES": 6}
@@ -228,20 +219,18 @@ def dxf(drawn: Drawing) -> str:
     for name, color in _LAYERS.items():
         pairs += [(0, "LAYER"), (2, name), (70, 0), (62, color), (6, "CONTINUOUS")]
     pairs += [(0, "ENDTAB"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
-    own, its, (_, height_mm) = _opened(drawn)
-    for side, at_mm, prefix in ((drawn, own, ""), (drawn.other, its, "OTHER_")):
-        for piece in () if side is None else side.pieces:
+    sides, (_, height_mm) = _opened(drawn)
+    for name, pieces in sides.items():
+        for piece in pieces:
             for n, rim in enumerate(piece):
-                pairs += _polyline(f"{prefix}{'HOLES' if n else 'OUTLINE'}", rim + at_mm, height_mm)
+                layer = ("" if name == "outline" else "OTHER_") + ("HOLES" if n else "OUTLINE")
+                pairs += [(0, "POLYLINE"), (8, layer), (66, 1), (70, 1)]
+                for x, y in rim.tolist():
+                    pairs += [(0, "VERTEX"), (8, layer), (10, f"{x:.3f}"), (20, f"{height_mm - y:.3f}")]
+                    pairs.append((30, "0.0"))
+                pairs += [(0, "SEQEND"), (8, layer)]
     pairs += [(0, "ENDSEC"), (0, "EOF")]
     return "".join(f"{code}\n{value}\n" for code, value in pairs)
-
-
-def _polyline(layer: str, polygon: Float64, height_mm: float) -> list[tuple[int, object]]:
-    pairs: list[tuple[int, object]] = [(0, "POLYLINE"), (8, layer), (66, 1), (70, 1)]
-    for x, y in polygon.tolist():
-        pairs += [(0, "VERTEX"), (8, layer), (10, f"{x:.3f}"), (20, f"{height_mm - y:.3f}"), (30, "0.0")]
-    return [*pairs, (0, "SEQEND"), (8, layer)]
 
 
 def polygons(drawn: Drawing) -> str:

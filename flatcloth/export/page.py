@@ -9,6 +9,7 @@ import json
 import posixpath
 import re
 import zlib
+from collections.abc import Callable, Mapping
 from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
@@ -55,8 +56,6 @@ _COLORS = 64
 
 Integers = TypeVar("Integers", bound=np.integer[Any])
 
-_OTHER = "other "
-"""Before the names of the other side's data. Chosen."""
 _IMPORT = re.compile(r'^@?import (?:(\{[^}]*\}) from )?"([^"]+)";\n', re.MULTILINE)
 _COMMENT = re.compile(
     r"^[ \t]*(?:/\*(?:[^*]|\*(?!/))*\*/[ \t]*|//[^\n]*)\n|/\*\*(?:[^*\n]|\*(?!/))*\*/ ?", re.MULTILINE
@@ -69,27 +68,25 @@ def page(session: OpenedSession) -> str:
     parcel = Parcel()
     history = _history(session, parcel)
     parts = {
-        **common_parts("offline/offline.js"),
-        "title": escape(f"{session.history.header.recording.name} \u00b7 flatcloth"),
-        # No text can close its own element.
-        "history": printed(json.dumps(history, allow_nan=False)).replace("<", "\\u003c"),
+        "history": printed(json.dumps(history, allow_nan=False)),
         # The highest level takes five times as long, for 2 % less. Measured.
         "arrays": base64.b64encode(zlib.compress(parcel.pack(), 7, 31)).decode("ascii"),
     }
-    template = (static_folder() / "offline" / "offline.html").read_text("utf-8")
-    return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
+    return filled("offline/offline", f"{session.history.header.recording.name} \u00b7 flatcloth", parts)
 
 
-def common_parts(entry: str, more_policy: str = "") -> dict[str, str]:
-    """Return the parts common to all pages: policy, icon, style, and the script.
+def filled(name: str, title: str, parts: Mapping[str, str], more_policy: str = "") -> str:
+    """Return a page of ``static/`` with title and parts in their places, which no text can leave.
 
-    ``entry`` is the module of ``static/`` that the page starts with; its style sheet has the same name.
+    Common to all pages are policy, icon, style, and the script: the module with which the page starts has its
+    name, as its style sheet has.
     """
     static = static_folder()
-    script, style = whole(static, entry), whole(static, entry.replace(".js", ".css"))
+    script, style = whole(static, f"{name}.js"), whole(static, f"{name}.css")
     digests = (hashlib.sha256(text.encode()).digest() for text in (script, style))
     own_script, own_style = (f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
-    return {
+    every = {part: text.replace("<", "\\u003c") for part, text in parts.items()} | {
+        "title": escape(title),
         # Only the page's own script, and no loading.
         "policy": f"default-src 'none'; script-src {own_script}; style-src {own_style}; img-src data: blob:;"
         f" base-uri 'none'; form-action 'none'{more_policy}",
@@ -97,6 +94,8 @@ def common_parts(entry: str, more_policy: str = "") -> dict[str, str]:
         "style": style,
         "script": script,
     }
+    template = (static / f"{name}.html").read_text("utf-8")
+    return re.sub(r"@(\w+)@", lambda found: every[found[1]], template)
 
 
 def whole(folder: Path, entry: str) -> str:
@@ -135,21 +134,29 @@ def whole(folder: Path, entry: str) -> str:
 def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
     history, growth, integration = session.history, session.growth, session.integration
     view, axis, recording = growth.view, integration.axis, integration.recording
-    garment, window = session.data.garment, window_of(view.valid) or np.s_[0:0, 0:0]
-    cloth = growth.first_step[window] >= 0
-    xyz = view.xyz_m[window][cloth].astype(np.float64)
+    garment, sides = session.data.garment, session.data.sides
     around, around_rgb = _around(session)
-    every = np.concatenate([xyz, *around])
+    every = np.concatenate([view.xyz_m[growth.first_step >= 0].astype(np.float64), *around])
     low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
     step_m = float(max((high - low).max() / 65535, POINT_STEP_M))
-    _put_cloth(parcel, view, growth.first_step, growth.source_step, low, step_m)
-    coarse = _AROUND_STEPS * (_levels(np.concatenate(around), low, step_m) // _AROUND_STEPS)
+
+    def levels(xyz_m: Floats) -> NDArray[np.uint16]:  # integer steps: finer than any sensor, half the size
+        return np.asarray(np.rint((xyz_m - low) / step_m).clip(0, 65535), dtype=np.uint16)
+
+    this = _side(session, parcel, growth.sheet, growth.first_step, growth.source_step, levels)
+    coarse = _AROUND_STEPS * (levels(np.concatenate(around)) // _AROUND_STEPS)
     parcel.array("around_xyz", differences(coarse))
     parcel.array("around_rgb", differences(np.concatenate(around_rgb) & _AROUND_COLOR_BITS))
     starts = np.cumsum([0, *(len(points) for points in around)]).tolist()
     shown_low, shown_high = np.nanpercentile(every, 0.5, axis=0), np.nanpercentile(every, 99.5, axis=0)
     along = (every - axis.point_m) @ axis.direction
     ends = np.nanmin(along) - 0.05, np.nanmax(along) + 0.05
+    other = None
+    if isinstance(sides, JoinedSides):  # as seen from its own outside
+        sheet = lay_out(sides.other)
+        first = np.where(sheet.view.valid, 0, -1).astype(np.int16)
+        other = _side(session, parcel, sheet, first, sheet.view.view_index, levels, "other ")
+        other |= {"is_related": sides.is_related, "area_cm2": 1e4 * sides.other.view.area_m2}
     return {
         "format": FORMAT,
         "recording": {
@@ -159,9 +166,7 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
         },
         "method": history.header.method,
         "finished": history.document.finished,
-        "count": len(xyz),
-        "grid": _grid(view),
-        "pieces": _pieces(growth.sheet),
+        **this,
         "bounds": {"low": low.tolist(), "step": step_m},
         "extent": {"low": shown_low.tolist(), "high": shown_high.tolist()},
         "half_extents_m": _half_extents_m(every, (shown_low + shown_high) / 2, axis),
@@ -178,76 +183,56 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
         "garment": {"text": garment, "found": None}
         if isinstance(garment, str)
         else {"text": "", "found": summary(garment)},
-        "layers": _layers(session, parcel, view),
-        "other": _other_side(session, parcel, low, step_m),
+        "other": other,
     }
 
 
-def _other_side(session: OpenedSession, parcel: Parcel, low: Float64, step_m: float) -> dict[str, Any] | None:
-    """Return the other side, as seen from its own outside; None if the session has one side."""
-    sides = session.data.sides
-    if not isinstance(sides, JoinedSides):
-        return None
-    sheet = lay_out(sides.other)
-    there = np.where(sheet.view.valid, 0, -1).astype(np.int16)
-    _put_cloth(parcel, sheet.view, there, sheet.view.view_index, low, step_m, _OTHER)
-    return {
-        "is_related": sides.is_related,
-        "count": int(sheet.view.valid.sum()),
-        "area_cm2": 1e4 * sides.other.view.area_m2,
-        "grid": _grid(sheet.view),
-        "pieces": _pieces(sheet),
-        "layers": _layers(session, parcel, sheet.view, _OTHER),
-    }
-
-
-def _put_cloth(
+def _side(
+    session: OpenedSession,
     parcel: Parcel,
-    view: FlattenedView,
+    sheet: Sheet,
     first: NDArray[np.int16],
     source: NDArray[np.int16],
-    low: Float64,
-    step_m: float,
+    levels: Callable[[Floats], NDArray[np.uint16]],
     prefix: str = "",
-) -> None:
-    """Put the pixels of a side into the parcel; ``first`` (H, W) is the step of each, -1 off the cloth."""
+) -> dict[str, Any]:
+    """Return a side, and put its pixels into the parcel, each name with a prefix.
+
+    ``first`` (H, W) is the step of each pixel, -1 off the cloth, ``source`` the step whose view it shows.
+    """
+    view = sheet.view
     window = window_of(view.valid) or np.s_[0:0, 0:0]
-    cloth = first[window] >= 0
+    cloth, corner = first[window] >= 0, [window[0].start, window[1].start]
     parcel.array(f"{prefix}first", first[window].ravel())
     parcel.array(f"{prefix}source", source[window].ravel())
     xyz = view.xyz_m[window][cloth].astype(np.float64)
-    parcel.array(f"{prefix}xyz", differences(_levels(xyz, low, step_m)))
+    parcel.array(f"{prefix}xyz", differences(levels(xyz)))
     normals = np.rint(_NORMAL_LEVELS * np.nan_to_num(view.normal[window][cloth])).astype(np.int8)
     parcel.array(f"{prefix}normal", differences(normals))
     source_rc = np.clip(np.rint(view.source_rc[window][cloth]), 0, 65535)
     parcel.array(f"{prefix}source_rc", differences(source_rc.astype(np.uint16)))
-
-
-def _grid(view: FlattenedView) -> dict[str, Any]:
-    """Return the part of a grid that contains cloth."""
-    window = window_of(view.valid) or np.s_[0:0, 0:0]
-    corner = [window[0].start, window[1].start]
     return {
-        "rows": window[0].stop - corner[0],
-        "cols": window[1].stop - corner[1],
-        "pixel_size_m": view.pixel_size_m,
-        "origin_uv_m": view.uv_from_rc(np.array(corner)).tolist(),
-        "corner_rc": corner,
+        "count": len(xyz),
+        "grid": {
+            "rows": window[0].stop - corner[0],
+            "cols": window[1].stop - corner[1],
+            "pixel_size_m": view.pixel_size_m,
+            "origin_uv_m": view.uv_from_rc(np.array(corner)).tolist(),
+            "corner_rc": corner,
+        },
+        "pieces": [
+            {
+                "label": piece.label,
+                "area_cm2": 1e4 * piece.view.area_m2,
+                "reason": piece.reason,
+                "placed": piece.placed is not None,
+                "color": hex_of(piece_color(n)),
+                "grid": grid_of(piece.view),
+            }
+            for n, piece in enumerate(sheet.pieces, start=1)
+        ],
+        "layers": _layers(session, parcel, view, window, prefix),
     }
-
-
-def _pieces(sheet: Sheet) -> list[dict[str, Any]]:
-    return [
-        {
-            "label": piece.label,
-            "area_cm2": 1e4 * piece.view.area_m2,
-            "reason": piece.reason,
-            "placed": piece.placed is not None,
-            "color": hex_of(piece_color(n)),
-            "grid": grid_of(piece.view),
-        }
-        for n, piece in enumerate(sheet.pieces, start=1)
-    ]
 
 
 def differences(values: NDArray[Integers]) -> NDArray[Integers]:
@@ -257,12 +242,6 @@ def differences(values: NDArray[Integers]) -> NDArray[Integers]:
     """
     columns = values.T
     return np.diff(columns, axis=1, prepend=np.zeros((len(columns), 1), dtype=columns.dtype))
-
-
-def _levels(xyz_m: Floats, low: Float64, step_m: float) -> NDArray[np.uint16]:
-    """Return points as integer steps from a corner: finer than any sensor, and half the size."""
-    levels: NDArray[np.uint16] = np.rint((xyz_m - low) / step_m).clip(0, 65535).astype(np.uint16)
-    return levels
 
 
 def _around(session: OpenedSession) -> tuple[list[Float64], list[NDArray[np.uint8]]]:
@@ -341,9 +320,9 @@ def _pick(session: OpenedSession, pick: Pick) -> dict[str, Any]:
 
 
 def _layers(
-    session: OpenedSession, parcel: Parcel, view: FlattenedView, prefix: str = ""
+    session: OpenedSession, parcel: Parcel, view: FlattenedView, window: tuple[slice, slice], prefix: str
 ) -> list[dict[str, Any]]:
-    integration, window = session.integration, window_of(view.valid) or np.s_[0:0, 0:0]
+    integration = session.integration
     angles_deg = integration.recording.angles_deg
     made = []
     for name in LAYERS:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
+from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
 from flatcloth.engine.outcome import has_other_side
 from flatcloth.engine.sheet import Sheet, lay_out, sheet_of
-from flatcloth.export.data import SessionData, frames_of
+from flatcloth.export.data import SessionData
 from flatcloth.export.growth import Growth, Kept, colors_of, grow, key_of
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.grasping.grasps import LOST_AT_M, GraspPose, grasp_pose, pixel_of_point
@@ -41,7 +42,7 @@ class OpenedSession:
     """A session for export; data are computed on first use.
 
     ``progress`` is called with the progress of the work; ``kept`` is shared with other exports of it;
-    ``numbers`` are those of :meth:`numbers_of`.
+    ``numbers`` are those of :meth:`numbers_of`; the rest is as in :class:`.data.SessionData`.
     """
 
     history: SessionHistory
@@ -49,6 +50,8 @@ class OpenedSession:
     progress: Progress = no_progress
     kept: Kept = field(default_factory=Kept)
     numbers: dict[int, ViewNumbers] = field(default_factory=dict)
+    rotation_deg: float | None = None
+    base_from_camera: Rigid3 | None = None
 
     @cached_property
     def growth(self) -> Growth:
@@ -121,15 +124,17 @@ class OpenedSession:
 
     @cached_property
     def data(self) -> SessionData:
-        """The data files; grasp poses are at the item's present rotation."""
+        """The data files."""
         history, garments = self.history, self.kept.garments_of(self.integration)
         return SessionData(
             self.integration,
             history.begun,
             history.picks,
-            frames_of(self.integration, history.document, history.grips),
+            history.grips,
             garments,
             (lambda document: garments.joined(document, self.progress)) if self.has_both else None,
+            rotation_deg=self.rotation_deg,
+            base_from_camera=self.base_from_camera,
         )
 
 

@@ -293,16 +293,9 @@ class GrowingRecording(Recording):
     def _open(self) -> None:
         vars(self).update(vars(open_folder(self._writer.folder)))
 
-    def add(
-        self,
-        angle_deg: float,
-        color: Uint8,
-        depth_units: Uint16,
-        mask: Bool | None = None,
-        truth_bgr: Uint16 | None = None,
-    ) -> int:
+    def add(self, angle_deg: float, color: Uint8, depth_units: Uint16, mask: Bool | None = None) -> int:
         """Write a view, and return its number; see :meth:`RecordingWriter.add`."""
-        number = self._writer.add(angle_deg, color, depth_units, mask, truth_bgr)
+        number = self._writer.add(angle_deg, color, depth_units, mask)
         self._open()
         return number
 
@@ -386,8 +379,6 @@ def write_masks(
     """
     with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
         folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise RecordingError(f"{folder}: not empty. Choose a new or an empty folder.")
         for n in range(len(recording)):
             progress(n / len(recording), f"writing mask {n}")
             mask = np.asarray(recording[n].mask)

@@ -11,7 +11,7 @@ import numpy as np
 from flatcloth.checking.findings import Finding
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import back_project, object_from_camera, window_of
+from flatcloth.core.geometry import back_project, object_from_camera, project, window_of
 from flatcloth.core.types import Bool, RgbdFrame, RotationAxis, Uint8
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
@@ -58,7 +58,7 @@ def mistaken(recording: Recording, views: tuple[int, int], mistakes: Mapping[str
     for text, mends in {"as recorded": Mends(), **mistakes}.items():
         made = mended(recording, mends)  # it may have fewer views
         shown = views if len(made) == len(recording) else tuple(min(view, len(made) - 1) for view in views)
-        pictures.append(_captioned(_fitted(draw(made, shown)), text))
+        pictures.append(_captioned(draw(made, shown), text))
     gap = np.full((pictures[0].shape[0], _GAP_PX, 3), _PAPER, np.uint8)
     return np.concatenate([pictures[0], *(part for p in pictures[1:] for part in (gap, p))], axis=1)
 
@@ -77,11 +77,9 @@ def _turned(recording: Recording, views: tuple[int, ...]) -> Uint8:
     canvas = np.full((k.height, k.width, 3), _PAPER, np.uint8)
     shade = np.zeros((2, k.height, k.width), np.float32)
     for n, xyz in enumerate((points[0].astype(np.float64), onto.apply(points[1]))):
-        xyz = xyz[xyz[:, 2] > 0]
-        col = np.rint(k.fx * xyz[:, 0] / xyz[:, 2] + k.cx).astype(int)
-        row = np.rint(k.fy * xyz[:, 1] / xyz[:, 2] + k.cy).astype(int)
-        inside = (row >= 0) & (row < k.height) & (col >= 0) & (col < k.width)
-        shade[n, row[inside], col[inside]] = 1.0
+        rc = np.rint(project(xyz[xyz[:, 2] > 0], k)).astype(int)
+        row, col = rc[((rc >= 0) & (rc < shade.shape[1:])).all(axis=1)].T
+        shade[n, row, col] = 1.0
     for there, color in zip(shade, (_ONE, _OTHER), strict=True):
         closed = cv2.morphologyEx(there, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))[..., None]
         canvas = (canvas * (1 - 0.55 * closed) + color * 0.55 * closed).astype(np.uint8)
@@ -106,18 +104,14 @@ def _item(frame: RgbdFrame, axis: RotationAxis | None) -> Bool:
         return np.asarray(frame.depth_m > 0)
 
 
-def _fitted(picture: Uint8) -> Uint8:
-    scale = _HEIGHT_PX / picture.shape[0]
-    size = max(1, round(scale * picture.shape[1])), _HEIGHT_PX
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
 def _captioned(picture: Uint8, text: str) -> Uint8:
+    """Return a picture of ``_HEIGHT_PX`` below its caption."""
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.5
     (wide, _), _ = cv2.getTextSize(text, font, size, 1)
-    width = max(picture.shape[1], wide + 8)
-    made = np.full((_CAPTION_PX + picture.shape[0], width, 3), _PAPER, np.uint8)
-    left = (width - picture.shape[1]) // 2
-    made[_CAPTION_PX:, left : left + picture.shape[1]] = picture
+    own = max(1, round(_HEIGHT_PX / picture.shape[0] * picture.shape[1]))
+    made = np.full((_CAPTION_PX + _HEIGHT_PX, max(own, wide + 8), 3), _PAPER, np.uint8)
+    left = (made.shape[1] - own) // 2
+    fitted = cv2.resize(picture, (own, _HEIGHT_PX), interpolation=cv2.INTER_AREA)
+    made[_CAPTION_PX:, left : left + own] = fitted
     cv2.putText(made, text, (4, 18), font, size, _INK, 1, cv2.LINE_AA)
     return made

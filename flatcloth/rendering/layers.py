@@ -48,11 +48,12 @@ SCALARS = {
     "truth": Scalar("Error by the kit (mm)", "loss", 1000.0, (0.0, ERROR_SPAN_M)),
 }
 
-DIFFERENCES = ("color", "height", "position")
+DIFFERENCES = {
+    "color": Scalar("Color, difference", "loss", 1.0, (0.0, 64.0)),  # a quarter of the range of 8 bits
+    "height": Scalar("Height, B − A (mm)", "diverging", 1000.0, (-ERROR_SPAN_M, ERROR_SPAN_M)),
+    "position": Scalar("Distance in 3D (mm)", "loss", 1000.0, (0.0, ERROR_SPAN_M)),
+}
 """The kinds of difference between proposal and shape."""
-
-COLOR_DIFFERENCE_SPAN = 64.0
-"""A quarter of the range of 8-bit color. Chosen."""
 CONFLICT_M = 0.010
 """Points of proposal and shape at one place of the plane that are farther apart in space are in conflict.
 Chosen: half the range of the colours of this difference."""
@@ -105,13 +106,12 @@ def difference_rgba(difference: Difference, kind: str) -> Uint8:
     FlatclothError
         If the kind of difference is unknown.
     """
-    about = difference_legend(kind)
-    in_mm = {"height": difference.height_m, "position": difference.distance_m}
-    values = difference.color if kind == "color" else 1000.0 * in_mm[kind]
-    common = difference.common
+    of_kind = {"color": difference.color, "height": difference.height_m, "position": difference.distance_m}
+    scalar, common = DIFFERENCES[kind], difference.common
+    assert scalar.span is not None
     image = np.zeros((*common.shape, 4), dtype=np.uint8)
     image[common, 3] = 255
-    image[common, :3] = _colors(values[common], about["map"], about["low"], about["high"])
+    image[common, :3] = _colors(of_kind[kind][common], scalar.map, *scalar.span)
     return image
 
 
@@ -191,9 +191,7 @@ def legend(
         return {"kind": "classes", "title": "Source view", "classes": classes}
     if layer == "color":
         return {"kind": "none", "title": "Color"}
-    scalar = SCALARS[layer]
-    low, high = layer_range(view, layer, axis)
-    return _ramp(scalar.title, scalar.map, scalar.scale * low, scalar.scale * high)
+    return _ramp(SCALARS[layer], layer_range(view, layer, axis))
 
 
 def difference_legend(kind: str) -> dict[str, Any]:
@@ -204,25 +202,20 @@ def difference_legend(kind: str) -> dict[str, Any]:
     FlatclothError
         If the kind of difference is unknown.
     """
-    match kind:
-        case "color":
-            return _ramp("Color, difference", "loss", 0.0, COLOR_DIFFERENCE_SPAN)
-        case "height":
-            span_mm = 1000.0 * ERROR_SPAN_M
-            return _ramp("Height, B − A (mm)", "diverging", -span_mm, span_mm)
-        case "position":
-            return _ramp("Distance in 3D (mm)", "loss", 0.0, 1000.0 * ERROR_SPAN_M)
-    raise FlatclothError(f"Unknown difference {kind!r:.40}; choose one of {', '.join(DIFFERENCES)}.")
+    scalar = DIFFERENCES[kind]
+    assert scalar.span is not None
+    return _ramp(scalar, scalar.span)
 
 
-def _ramp(title: str, own_map: str, low: float, high: float) -> dict[str, Any]:
+def _ramp(scalar: Scalar, span: tuple[float, float]) -> dict[str, Any]:
+    low, high = (scalar.scale * value for value in span)
     return {
         "kind": "ramp",
-        "title": title,
-        "map": own_map,
+        "title": scalar.title,
+        "map": scalar.map,
         "low": low,
         "high": high,
-        "colors": ramp_colors(color_table(own_map)),
+        "colors": ramp_colors(color_table(scalar.map)),
     }
 
 

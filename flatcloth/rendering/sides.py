@@ -10,14 +10,10 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Bool, Float32, Uint8
 from flatcloth.flattening.pixel_states import TEXTS, PixelState
 
-THIS_RGBA = (44, 123, 182, 96)
+THIS_RGBA, OTHER_RGBA = (44, 123, 182, 96), (215, 95, 25, 120)
 """Colors of the sides, distinguishable by color-blind readers (the ends of ColorBrewer's RdYlBu). Chosen."""
-OTHER_RGBA = (215, 95, 25, 120)
-"""See ``THIS_RGBA``."""
-UNDECIDED_RGBA = (120, 120, 120, 190)
-"""See ``THIS_RGBA``."""
-OUTSIDE_RGBA = (0, 0, 0, 120)
-"""See ``THIS_RGBA``."""
+UNDECIDED_RGBA, OUTSIDE_RGBA = (120, 120, 120, 190), (0, 0, 0, 120)
+"""Colors of undecided cloth, and of what is not the item. Chosen."""
 STROKE_ALPHA = 225
 """Opacity of cloth under strokes: clearly above that of its side. Chosen."""
 STRIPE_PX = 6

@@ -19,7 +19,7 @@ from flatcloth.api.integrating import Sides, integrate
 from flatcloth.core.types import FlattenedView, Float64, Progress, RotationAxis, no_progress
 from flatcloth.engine.evaluation import relative_errors_m
 from flatcloth.export.figures import Figure, map_drawing
-from flatcloth.export.files import write_text
+from flatcloth.export.files import write_file
 from flatcloth.export.report import page_of, table_html
 from flatcloth.recordings.base import Recording
 from flatcloth.rendering.drawing import add_ramp
@@ -53,7 +53,7 @@ class Validation:
             files[folder / "validation.html"] = page_of("Is it right in this cell?", self.page())
             files[folder / "validation.json"] = json.dumps(self.document, indent=1) + "\n"
         for file, text in files.items():
-            write_text(file, text)
+            write_file(file, text.encode())
         return [f"Written: {', '.join(map(str, files))}"] if files else []
 
     def page(self) -> Iterator[str]:

@@ -132,14 +132,7 @@ def test_a_doubled_view_is_taken_once_a_late_one_at_its_angle_and_one_that_is_wr
     assert loop.asked == asked
     assert loop.views == 2
     view = seen(cell, 200.0, 2)
-    camera = replace(view.intrinsics, width=64)
-    narrow = replace(
-        view,
-        color=view.color[:, :64],
-        depth_m=view.depth_m[:, :64],
-        mask=view.mask[:, :64],
-        intrinsics=camera,
-    )
+    narrow = view.cropped(slice(None), slice(64))
     with pytest.raises(ViewError, match="64x176 pixels, the views before it 128x176"):
         loop.take(narrow)
     with pytest.raises(ViewError, match="no depth"):

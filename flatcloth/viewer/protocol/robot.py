@@ -92,16 +92,7 @@ class PostedView(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             held_point_m=self.held_point_m,
             depth_scale_m=None if depth.dtype == np.float32 else self.depth_scale_m,
         )
-        frame = read[0]
-        return SeenView(
-            angle_deg=self.angle_deg,
-            color=frame.color,
-            depth_m=frame.depth_m,
-            intrinsics=frame.intrinsics,
-            mask=frame.mask,
-            axis=read.rotation_axis,
-            held_point_m=read.held_point_m,
-        )
+        return SeenView(**vars(read[0]), axis=read.rotation_axis, held_point_m=read.held_point_m)
 
 
 def _decoded(image: Image, name: str) -> NDArray[Any]:
