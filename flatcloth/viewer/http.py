@@ -115,15 +115,15 @@ def page_of(request: Request, file: Path) -> Response:
 
 async def made_for(
     request: Request, executor: Executor, lane: Lane, make: Callable[[Callable[[], None]], T], doing: str
-) -> T | None:
-    """Return what is made on a lane of a page; None if the client has left, or the page has ended.
+) -> T:
+    """Return what is made on a lane of a page.
 
     ``make`` calls what it is given from time to time: that raises ``CancelledError`` then.
 
     Raises
     ------
     FlatclothError
-        If it cannot be made.
+        If it cannot be made; or, with an answer that nobody reads, if the client has left.
     """
     left = False
 
@@ -139,19 +139,15 @@ async def made_for(
         while not work.done():
             await asyncio.wait([work], timeout=LOOK_S)
             if not work.done() and (executor.has_ended or await request.is_disconnected()):
-                return None
+                raise CancelledError
         found = work.result()
-    except CancelledError:
-        return None
+    except CancelledError as error:
+        raise RefusedError("The client has left.", 499) from error
     finally:
         left = True
     if isinstance(found, str):
         raise FlatclothError(found)
     return found
-
-
-GONE = PlainTextResponse("The client has left.", status_code=499)
-"""The answer that nobody reads."""
 
 
 class RefusedError(FlatclothError):

@@ -7,11 +7,12 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
-from typing import Literal, TypeVar, get_args
+from typing import Literal, Protocol, TypeVar, get_args
 
 from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.viewer.protocol.sent import Progress
 
 _log = logging.getLogger(__name__)
 
@@ -125,7 +126,7 @@ class Worker:
 
 Patient = Literal["review", "garment", "other side"]
 """Lanes whose jobs begin when the other lanes have been idle for ``PATIENCE_S``: nobody waits for them."""
-Lane = Literal["work", "ahead", "repair", "sides", "scene", "clouds", "teaching", "export"] | Patient
+Lane = Literal["work", "ahead", "repair", "sides", "scene", "frames", "clouds", "lesson", "export"] | Patient
 _PATIENT = get_args(Patient)
 PATIENCE_S = 1.5
 """Chosen: while an operator decides view after view, no work begins that the next decision makes useless."""
@@ -216,3 +217,63 @@ class Executor:
                 self._urgent += by
                 self._idle_since_s = time.monotonic()
                 self._changed.notify_all()
+
+
+class Check(Protocol):
+    """Tells how far a computation is, if it says what it does; raises ``CancelledError`` if unwanted."""
+
+    def __call__(self, share: float = 0.0, text: str = "", /) -> None:
+        """Tell, or raise."""
+
+
+class Background:
+    """What follows from something that changes: it is made on a lane, for the newest only, and once.
+
+    Its methods are for the page's own thread.
+
+    Parameters
+    ----------
+    executor, lane, doing
+        As for :meth:`Executor.compute`.
+    report : callable
+        Called when there is another ``progress``, with what is being done.
+    """
+
+    def __init__(
+        self, executor: Executor, lane: Lane, doing: str, report: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self._executor, self._lane, self._doing, self._report = executor, lane, doing, report
+        self._mark = object()
+        self.asked: Hashable = None  # what it was made for last, or is being made for
+        self.is_working = False
+        self.progress: Progress | None = None
+
+    def ask(self, key: Hashable, make: Callable[[Check], T], take: Callable[[T | str], None]) -> None:
+        """Make it for a key, unless that was asked for last; ``take`` gets it, or why it is not made."""
+        if key == self.asked:
+            return
+        self.forget()
+        self.asked, self.is_working, mark = key, True, self._mark
+
+        def check(share: float = 0.0, text: str = "", /) -> None:
+            if self._mark is not mark or self._executor.has_ended:
+                raise CancelledError
+            if text:
+                self._executor.on_page(lambda: note(Progress(share=share, text=text)))
+
+        def note(progress: Progress) -> None:
+            if self._mark is mark and self.is_working:
+                self.progress = progress
+                self._report(progress.text)
+
+        def finish(made: T | str) -> None:
+            self.is_working, self.progress = False, None
+            take(made)
+
+        self._executor.compute(
+            self._lane, lambda: make(check), finish, self._doing, lambda: self._mark is mark
+        )
+
+    def forget(self) -> None:
+        """Cancel what is being made; the next key is a new one, whatever it is."""
+        self._mark, self.asked, self.is_working, self.progress = object(), None, False, None

@@ -125,22 +125,24 @@ export class FlatCanvas {
   }
 
   /**
-   * Show a frame of a camera, or a view of the offline page (or none) where it lies on its plane; the zoom
-   * holds all of them.
-   * @param {Shown | null} shown @param {number} view @param {UV | null} pickUv
+   * Show a view of the offline page (or none) where it lies on its plane.
+   * @param {Shown | null} shown @param {number} view
    */
-  showFrame(shown, view, pickUv) {
+  showFrame(shown, view) {
     this.layer.shown = shown;
-    this.pick = pickUv ? { uv_m: pickUv } : null;
-    if (!shown) return;
-    this.boxes.set(view, shown.box);
+    this.pick = null;
+    if (shown) this.hold(view, shown.box);
+  }
+
+  /** Let the zoom hold all frames of a camera, or views of the offline page, each where it lies last. */
+  hold(/** @type {number} */ view, /** @type {Box} */ box) {
+    this.boxes.set(view, box);
     const extent = [...this.boxes.values()].reduce(union);
     if (this.extent && contains(this.extent, extent) && !contains(extent, grown(this.extent, -2 * SLACK_M))) return;
     this.extent = grown(extent, SLACK_M);
     this.refit();
   }
 
-  /** With a camera: the picks that lie on the frame; none while frames pass by faster than the picks are sent. */
   showMarks(/** @type {{ id: number | null; uv_m: UV | null; side?: SideName }[]} */ picks) {
     this.marks = picks.flatMap(({ id, uv_m, side }) => {
       const at = uv_m && this.shownAt(side ?? "this", uv_m);
@@ -195,12 +197,16 @@ export class FlatCanvas {
     this.draw(); // at once: a new size has cleared the canvas
   }
 
+  /** Places that all that is drawn lies between. @returns {UV[]} */
+  get rims() {
+    const cloth = [...this.layer.rim, ...this.overlay.rim, ...this.beside.rim];
+    return cloth.length ? [...cloth, ...this.around.flatMap((of) => of())] : [];
+  }
+
   /** Show all of it; beside the legend where the cloth would lie under that. */
   fit() {
     this.fitted = true;
-    const cloth = [...this.layer.rim, ...this.overlay.rim, ...this.beside.rim];
-    const beyond = cloth.length ? this.around.flatMap((of) => of()) : [];
-    const places = this.extent ? cornersOf(this.extent) : [...cloth, ...beyond];
+    const places = this.extent ? cornersOf(this.extent) : this.rims;
     if (places.length && this.width) {
       const legend = byId("legend");
       const free = this.width - (legend.hidden ? 0 : legend.offsetWidth + LEGEND_GAP_PX);

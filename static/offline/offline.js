@@ -217,7 +217,7 @@ export class Page {
     }
     const canvas = new OffscreenCanvas(grid.cols, grid.rows);
     contextOf(canvas).putImageData(image, 0, 0);
-    this.flat.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas }, 0, null);
+    this.flat.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas }, 0);
     this.cloud.tint = this.tint ? 0.5 : 0;
     if (this.flat.side === "this") this.cloud.setColors(colors);
     this.marks();

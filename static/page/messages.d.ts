@@ -155,6 +155,12 @@ export interface Play {
   playing: boolean;
 }
 
+/** The frame of a camera is drawn: the next one may come. */
+export interface Drawn {
+  type: "drawn";
+  revision: number;
+}
+
 /** Guided capture: begin, keep, repeat, turned, aim (at ``angle_deg``) or finish. */
 export interface Capture {
   type: "capture";
@@ -278,6 +284,7 @@ export type ClientMessage =
   | Set
   | Look
   | Play
+  | Drawn
   | Capture
   | Aim
   | StrokeImage
@@ -835,14 +842,6 @@ export interface StrokeAdvice {
 /** Another recording was opened; the tab connects again. */
 export interface Switched {
   type: "switched";
-}
-
-/** A frame of a camera; its picture follows in the same answer, unless ``grid`` is None. */
-export interface FrameInfo {
-  sequence: number;
-  reason: string;
-  grid: Grid | null;
-  pick_uv_m: [number, number] | null;
 }
 
 /** The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed. */

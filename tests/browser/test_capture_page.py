@@ -43,7 +43,7 @@ def tab(flat_chromium, camera: SceneCamera, tmp_path: Path, request: pytest.Fixt
 
 
 def test_views_are_captured_turn_by_turn(tab: Tab, camera: SceneCamera, tmp_path: Path) -> None:
-    tab.until("flatcloth.capture && flatcloth.frame !== null")
+    tab.until("flatcloth.capture && flatcloth.layerRevision > 0")
     page = tab.page
     assert page.locator("#capture-task").inner_text() == "Hang the item in sight, then begin."
     tab.shoot("capture-idle")

@@ -34,7 +34,7 @@ from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import Picture, described, layers_of
 from flatcloth.viewer.protocol.sent import UV, AutoInfo
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore
-from flatcloth.viewer.worker import Executor, Worker
+from flatcloth.viewer.worker import Background, Executor, Worker
 
 if TYPE_CHECKING:  # viser is loaded with the first source, and not at all for a robot without a page
     from flatcloth.viewer.scene.scene import Scene
@@ -80,7 +80,7 @@ class PageController(ABC):
         self.lesson: sent.Progress | None = None  # how far one is that is being made
         self.base_from_camera: Rigid3 | None = None  # with it, poses are also in the frame of the robot
         self._note_ids = itertools.count(1)
-        self._newest: dict[tuple[int, type[messages.Said]], int] = {}  # the last question of each tab
+        self._questions: dict[tuple[int, type[messages.Said]], Background] = {}  # the last one of each tab
         self._revision, self._published_at_s, self._reported = 0, 0.0, ""
         self.last_state: sent.PageState | None = None  # what was sent last
         self._front = Worker("flatcloth-session")
@@ -309,15 +309,15 @@ class PageController(ABC):
 
         A drag asks faster than can be computed: it has a lane of its own, so that nothing else waits for it.
         """
-        kind, number = (client, type(asked)), asked.id
-        self._newest[kind] = number
 
         def take(made: sent.ServerMessage | str) -> None:
             answer = refuse(made) if isinstance(made, str) else made
             if answer is not None:
                 self.tabs.tell(client, answer)
 
-        self.executor.compute("repair", make, take, "looking ahead", lambda: self._newest[kind] == number)
+        kind = client, type(asked)
+        newest = self._questions.setdefault(kind, Background(self.executor, "repair", "looking ahead"))
+        newest.ask(asked.id, lambda _: make(), take)
 
     @abstractmethod
     def _take(self, client: int, message: messages.Message) -> None:

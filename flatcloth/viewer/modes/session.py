@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import structs
 from starlette.routing import BaseRoute
 
-from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore
@@ -48,7 +48,7 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NO_CAMERA, command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture, of_session
 from flatcloth.viewer.protocol.sent import AutoInfo, NoteLevel, PreviewAnswer, Progress
-from flatcloth.viewer.worker import attempt
+from flatcloth.viewer.worker import Background, Check, attempt
 
 if TYPE_CHECKING:
     from flatcloth.viewer.scene.scene import Scene
@@ -88,6 +88,7 @@ class Application(PageController):
         self._trouble = ""  # why the shape of the present document cannot be drawn
         self._going_on = False
         self._joins: tuple[Document, bool] | None = None
+        self._trying = Background(self.executor, "work", "trying the placement")
         self.other = OtherSideController(self, self.garments, self._other_made)
         self._work = SessionWork(self)
         self._review = ReviewService(self)
@@ -117,8 +118,6 @@ class Application(PageController):
 
     def stop(self) -> None:
         """Stop the running work and all threads; the journal keeps the session."""
-        self._put(None, self._work.cancel)
-        self.other.stop()
         super().stop()
         self._review.keep_summary()
 
@@ -339,7 +338,7 @@ class Application(PageController):
         views = self._review.of_views(document)
         own = of_session(self._state, self.picture, angles_deg, views, self._work.progress, self._trouble)
         pending = own["pending"]
-        if pending is not None and self._joins is not None and self._joins[0] is document:
+        if pending is not None and self._joins is not None and self._joins[0] == document:
             pending = structs.replace(pending, joins=self._joins[1])
         return {
             **super()._fields(),
@@ -402,12 +401,10 @@ class Application(PageController):
         self._review.follow(picture)
         document = picture.document
         if document is not None and document.pending is not None and document.pending.moved:
-            self.executor.compute(
-                "work",
-                lambda: proposal.joins(self.integration, document),
+            self._trying.ask(
+                document,
+                lambda _: proposal.joins(self.integration, document),
                 lambda found: self._found_out(document, found),
-                "trying the placement",
-                lambda: self._state.document is document,  # otherwise it was moved on, or decided
             )
 
     def _found_out(self, document: Document, joins: bool | str) -> None:
@@ -425,23 +422,25 @@ class SessionWork:
 
     def __init__(self, page: Application) -> None:
         self._page = page
-        # The request that is being answered, and a mark of that job: a cancelled one is no longer this.
-        self._running: tuple[Request, object] | None = None
-        self._asked: Document | None = None
-        # The state if the proposal is accepted, and the picture of what follows then.
-        self._likely: SessionState | None = None
-        self._ahead: Picture | None = None
+        self._answering = Background(page.executor, "work", "computing", page.report)
+        self._drawing = Background(page.executor, "work", "drawing", page.report)
+        self._foreseeing = Background(page.executor, "ahead", "looking ahead")
+        self._ahead: Picture | None = None  # what follows if the proposal is accepted
         # The last picture, even if it was never shown: what has not changed is taken from it.
         self._made: Picture | None = None
-        self.progress: Progress | None = None
 
-    def cancel(self) -> None:
-        """Cancel the running computation, if there is one."""
-        self._running = self.progress = None
+    @property
+    def progress(self) -> Progress | None:
+        """How far what is shown next is, None while only its picture is drawn."""
+        if self._answering.is_working:
+            return self._answering.progress or Progress(share=0.0, text="Waiting")
+        return self._drawing.progress
 
     def forget_picture(self) -> None:
         """Draw the next picture again, even if its document is the same."""
-        self._asked = self._likely = self._ahead = None
+        self._drawing.forget()
+        self._foreseeing.forget()
+        self._ahead = None
 
     def follow(self, state: SessionState) -> None:
         """Start the computation that a state needs, and cancel one that it no longer needs.
@@ -449,125 +448,76 @@ class SessionWork:
         An answer comes with its picture; otherwise the document is drawn.
         """
         request, document = state.request, state.document
-        if self._running is not None and self._running[0] != request:
-            self.cancel()
+        if request != self._answering.asked:
+            self._answering.forget()
         if request is not None:
-            if self._running is None:
-                self._answer(state, request)
-        elif document.start_view is None:
-            self._asked = None
-        elif self._asked is not document:
-            self._asked = document
-
-            def take(made: Picture | str) -> None:
-                self.progress = None if self._running is None else self.progress
-                self._page.drawn(made)
-
-            self._page.executor.compute(
-                "work",
-                lambda: self._draw(document),
-                take,
-                "drawing",
-                lambda: self._asked is document,  # otherwise a decision has changed it
+            self._answering.ask(
+                request, partial(self._answer, state, request), partial(self._answered, state)
             )
+        elif document.start_view is None or document is not self._drawing.asked:
+            self._drawing.forget()
+            if document.start_view is not None:
+                self._drawing.ask(document, partial(self._draw, document), self._page.drawn)
 
     def foresee(self, after: SessionState) -> None:
         """Compute what follows in a likely state while the operator looks: then all of it is kept already."""
         request = after.request
-        if request is None or self._likely == after:
-            return
-        self._likely = after
-
-        def check(_share: float = 0.0, _text: str = "") -> None:
-            if self._likely is not after:
-                raise CancelledError  # the proposal was moved, or decided otherwise
 
         def take(made: Answer | str) -> None:
             self._ahead = None if isinstance(made, str) else made.picture
 
-        self._page.executor.compute(
-            "ahead",
-            lambda: self._computed(after, request, check),
-            take,
-            "looking ahead",
-            lambda: self._likely is after,
-        )
+        if request is not None:
+            self._foreseeing.ask(after, partial(self._computed, after, request), take)
 
     def answers(self, answer: Answer, after: SessionState) -> Picture | None:
         """Return the picture of an answer if it shows the present session."""
-        self._running = self.progress = None
         if answer.picture is None:
             return None
-        self._asked = after.document
+        self._drawing.forget()
+        self._drawing.asked = after.document
         return replace(answer.picture, document=after.document)
 
-    def _answer(self, state: SessionState, request: Request) -> None:
-        """Answer the request of a state, and draw the resulting session, in one job."""
-        running = self._running = request, object()
-        self.progress = Progress(share=0.0, text="Waiting")
-
-        def progress(share: float, text: str) -> None:
-            if self._running is not running:
-                raise CancelledError
-            self._report(share, text, lambda: self._running is running)
-
-        def make() -> Answer:
-            progress(0.0, "Starting")
-            wait_until_compiled(progress, first=request.kind == "start" and self._is_first(state.document))
-            made = self._computed(state, request, progress)
-            self._made = made.picture or self._made
-            return made
-
-        def take(made: Answer | str) -> None:
-            if isinstance(made, str):
-                _log.warning("%s", made)
-            self._page.answered_with(state, made)
-
-        self._page.executor.compute("work", make, take, "computing", lambda: self._running is running)
+    def _answered(self, state: SessionState, made: Answer | str) -> None:
+        self._answering.forget()  # if it cannot be kept, it is asked for again
+        if isinstance(made, str):
+            _log.warning("%s", made)
+        self._page.answered_with(state, made)
 
     # --- the threads of the computations ---------------------------------------------------------
 
-    def _report(self, share: float, text: str, is_wanted: Callable[[], bool]) -> None:
-        """Tell the tabs how far a computation is."""
+    def _answer(self, state: SessionState, request: Request, check: Check) -> Answer:
+        """Answer the request of a state, and draw the resulting session, in one job."""
+        check(0.0, "Starting")
+        wait_until_compiled(check, first=request.kind == "start" and self._is_first(state.document))
+        made = self._computed(state, request, check)
+        self._made = made.picture or self._made
+        return made
 
-        def note() -> None:
-            if is_wanted():
-                self.progress = Progress(share=share, text=text)
-                self._page.report(text)
-
-        self._page.executor.on_page(note)
-
-    def _computed(
-        self, state: SessionState, request: Request, progress: Callable[[float, str], None]
-    ) -> Answer:
-        event = self._page.integration.answer(state.document, request, progress)
+    def _computed(self, state: SessionState, request: Request, check: Check) -> Answer:
+        event = self._page.integration.answer(state.document, request, check)
         after = apply(state, event)
-        progress(1.0, "drawing")
+        check(1.0, "drawing")
         picture = attempt(lambda: self._drawn(after.document), "drawing") if after.request is None else None
         # What cannot be drawn is reported when it is drawn again.
         return Answer(event, None if isinstance(picture, str) else picture)
 
-    def _draw(self, document: Document) -> Picture:
+    def _draw(self, document: Document, check: Check) -> Picture:
         wait_until_compiled(first=self._is_first(document))
         if self._made is None:
-            self._open(document)
+            self._open(document, check)
         self._made = self._drawn(document)
         return self._made
 
-    def _open(self, document: Document) -> None:
+    def _open(self, document: Document, check: Check) -> None:
         """Prepare the views of a session that was decided before, and tell how far that is."""
         integration, views = self._page.integration, sorted(document.used_views)
         if len(views) < 2:
             return
-
-        def report(share: float, text: str) -> None:
-            self._report(share, text, lambda: self._asked is document)
-
-        integration.views.segment(document.strokes, report)
+        integration.views.segment(document.strokes, check)
         for n, view in enumerate(reversed(views), start=1):  # another thread may have begun with the first
-            report((n - 1) / (2 * len(views)), f"opening view {n} of {len(views)}")
+            check((n - 1) / (2 * len(views)), f"opening view {n} of {len(views)}")
             integration.algorithm.why_unusable(view)
-        report(0.5, f"joining {len(views)} views")
+        check(0.5, f"joining {len(views)} views")
 
     def _is_first(self, document: Document) -> bool:
         # To find the sides of a recording without masks takes more kernels.

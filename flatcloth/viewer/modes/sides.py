@@ -13,7 +13,7 @@ from msgspec import structs
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
-from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import window_of
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke, why_off_image
 from flatcloth.core.types import Bool, Floats, Int64
@@ -32,6 +32,7 @@ from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picture import Picture, place_in_view
 from flatcloth.viewer.protocol.sent import ItemBox, SidesInfo, StrokeAdvice
+from flatcloth.viewer.worker import Background, Check
 
 _log = logging.getLogger(__name__)
 
@@ -44,7 +45,7 @@ class SideController:
 
     def __init__(self, page: PageController) -> None:
         self._page = page
-        self._strokes: tuple[Decision, ...] | None = None
+        self._work = Background(page.executor, "sides", "finding the side of interest")
         self._found: Segmentation | None = None
         self._touched: Int64 = np.empty(0, dtype=np.int64)
         self._status = SidesInfo(
@@ -133,19 +134,15 @@ class SideController:
 
     def follow(self, document: Document) -> None:
         """Label the cloth by the strokes of a document; the first time this takes seconds."""
-        if not self.available or document.strokes == self._strokes:
-            return
-        strokes = self._strokes = document.strokes
+        strokes = document.strokes
 
-        def find() -> tuple[Segmentation, Int64]:
-            if strokes != self._strokes:
-                raise CancelledError  # another stroke came in the meantime
+        def find(_check: Check) -> tuple[Segmentation, Int64]:
             # The masks take longer and follow with the shape.
             found = self._page.integration.views.solver().solve(strokes)
             return found, under_strokes(found.observed, strokes)
 
-        take = partial(self._take, strokes)
-        self._page.executor.compute("sides", find, take, "finding the side of interest")
+        if self.available:
+            self._work.ask(strokes, find, partial(self._take, strokes))
 
     def _take(self, strokes: tuple[Decision, ...], made: tuple[Segmentation, Int64] | str) -> None:
         if isinstance(made, str):

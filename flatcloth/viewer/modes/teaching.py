@@ -37,7 +37,7 @@ from flatcloth.rendering.pictures import grid_of
 from flatcloth.segmentation.explanation import Slice
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.session.document import Document, Side
-from flatcloth.viewer.http import GONE, RefusedError, made_for
+from flatcloth.viewer.http import RefusedError, made_for
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import sent
 from flatcloth.viewer.protocol.sent import parcel_of
@@ -283,11 +283,9 @@ class TeachingRoutes:
             return self._lesson(part, asked, progress)
 
         try:
-            made = await made_for(request, page.executor, "teaching", make, "computing")
+            made = await made_for(request, page.executor, "lesson", make, "computing")
         finally:
             page.executor.on_page(lambda: page.tell_lesson(None))
-        if made is None:
-            return GONE
         return Response(made, media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
 
     def _lesson(self, part: str, asked: Asked, progress: Progress) -> bytes:

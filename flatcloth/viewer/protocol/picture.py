@@ -5,16 +5,25 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import height_m, z_angle_deg
-from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, LaidPiece, Rigid2, RotationAxis, finite
+from flatcloth.core.types import (
+    Bool,
+    FlattenedView,
+    Float64,
+    Floats,
+    Int16,
+    LaidPiece,
+    Rigid2,
+    RotationAxis,
+    finite,
+)
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import (
     Sheet,
@@ -45,9 +54,6 @@ from flatcloth.viewer.protocol import sent
 from flatcloth.viewer.protocol.actions import action_table
 from flatcloth.viewer.protocol.messages import Hover
 from flatcloth.viewer.protocol.sent import UV, typed
-
-if TYPE_CHECKING:
-    from flatcloth.validation.markers import KitTruth
 
 APART_LIMIT_MM = 1000.0 * CONFLICT_M  # as in the 3D scene
 SHARE_LIMIT = 0.1
@@ -179,14 +185,9 @@ def make_picture(
     angles_deg = integration.recording.angles_deg
     drawn = None if previous is None else previous.sheet
     sheet = sheet_of(integration.canonical(document), document, laid, drawn, edge_m)
-    if sheet is not drawn and (truth := truth_of(integration.recording)) is not None:
-        sheet = replace(sheet, view=truth.with_errors(sheet.view, sheet.piece))
+    if sheet is not drawn:
+        sheet = replace(sheet, view=with_errors(sheet.view, integration.recording, sheet.piece))
     same = previous if previous is not None and previous.sheet is sheet else None
-    shape_legends = (
-        same.legends
-        if same
-        else typed(legends(sheet.view, integration.axis, angles_deg), dict[str, sent.Legend])
-    )
     overlay = None
     if document.pending is not None:
         before = None if previous is None else previous.overlay
@@ -198,7 +199,7 @@ def make_picture(
         present_view=present,
         angle_deg=angles_deg[present],
         cloud=integration.views.cloud(present),
-        legends=shape_legends,
+        legends=same.legends if same else legends_of(sheet.view, integration),
         overlay=overlay,
         sheet=sheet,
     )
@@ -208,14 +209,22 @@ _SEEN: Cache[dict[int, Float64]] = Cache(200)
 """The markers of views. Chosen: those of a few recordings."""
 
 
-def truth_of(recording: Recording) -> KitTruth | None:
-    """Return the truth of a recording with a kit, whose markers are found view by view."""
-    with suppress(FlatclothError):
+def with_errors(view: FlattenedView, recording: Recording, piece: Int16 | int = 0) -> FlattenedView:
+    """Return a view with the error of each pixel, if the recording has a kit: its markers are found once."""
+    try:
         kit, this = kit_of(recording), (recording.location, fingerprint(recording))
-        from flatcloth.validation.markers import KitTruth, found_markers
+    except FlatclothError:
+        return view
+    from flatcloth.validation.markers import KitTruth, found_markers
 
-        return KitTruth(kit, lambda n: _SEEN.get((*this, n), lambda: found_markers(recording[n].color, kit)))
-    return None
+    truth = KitTruth(kit, lambda n: _SEEN.get((*this, n), lambda: found_markers(recording[n].color, kit)))
+    return truth.with_errors(view, piece)
+
+
+def legends_of(view: FlattenedView, integration: Integration) -> dict[str, sent.Legend]:
+    """Return the legend of each layer of a view."""
+    angles_deg = integration.recording.angles_deg
+    return typed(legends(view, integration.axis, angles_deg), dict[str, sent.Legend])
 
 
 _revisions, _overlay_revisions = itertools.count(1), itertools.count(1)

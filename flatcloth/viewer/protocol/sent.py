@@ -759,15 +759,6 @@ class DiagnosticsInfo(Sent, frozen=True):
     pairs: ShownPairs | None
 
 
-class FrameInfo(Sent, frozen=True):
-    """A frame of a camera; its picture follows in the same answer, unless ``grid`` is None."""
-
-    sequence: int
-    reason: str
-    grid: Grid | None = None
-    pick_uv_m: UV | None = None
-
-
 class ItemBox(Sent, frozen=True):
     """The part of an image that shows the item, pixels, also where its side is not decided."""
 

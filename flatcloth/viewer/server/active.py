@@ -11,7 +11,7 @@ from flatcloth.active.service import ActiveService
 from flatcloth.viewer.http import REFUSALS
 from flatcloth.viewer.modes.active import active_routes
 from flatcloth.viewer.protocol.robot import RobotEvent, ShapeChanged
-from flatcloth.viewer.routes.robot import Told, events_of, events_route, news
+from flatcloth.viewer.routes.robot import Client, events_of, news, pushed
 from flatcloth.viewer.server.app import serve_app
 from flatcloth.viewer.server.guard import PublicUrl, given_token, own_token
 
@@ -47,20 +47,20 @@ def serve_active(
 
     def make(end: Callable[[], object]) -> Starlette:
         routes = active_routes(service, lambda answer: end() if answer["done"] else None)
-        routes.append(events_route(loop_events(service)))
+        routes.append(pushed("/robot/events", loop_events(service)))
         return Starlette(routes=routes, exception_handlers=REFUSALS)
 
     token = given_token(token_file) or own_token(host, public)
     serve_app(make, host, port, token, "robot/next", ready, public)
 
 
-def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]]:
+def loop_events(service: ActiveService) -> Callable[[Client], Iterator[RobotEvent]]:
     """Return the generator of a loop's events without a page: its shape, and the named points."""
     loop = service.loop
 
-    def events(told: Told) -> Iterator[RobotEvent]:
+    def events(client: Client) -> Iterator[RobotEvent]:
         with loop.lock:
-            found, document = None, service.document(told.rotation_deg)
+            found, document = None, service.document(client.rotation_deg)
             if document is not None:
                 shape = ShapeChanged(
                     revision=loop.views,
@@ -70,6 +70,6 @@ def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]
                 )
                 recognised = not isinstance(loop.known, str)
                 found = events_of(shape, document, loop.knowledge.kind, recognised=recognised)
-        yield from news(told, loop.name, found)
+        yield from news(client, loop.name, found)
 
     return events
