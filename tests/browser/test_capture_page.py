@@ -32,7 +32,7 @@ def tab(flat_chromium, camera: SceneCamera, tmp_path: Path, request: pytest.Fixt
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat")
     controller = functools.partial(CaptureApplication, integration, session, feed=feed, settings=settings)
-    with PageServer(Opened(integration, session, controller=controller), port=0) as server:
+    with PageServer(Opened(integration, session, controller=controller)) as server:
         page = flat_chromium.new_page(viewport={"width": 1280, "height": 720})
         tab = Tab(page, server.url, has_scene=False)
         yield tab

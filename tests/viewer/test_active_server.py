@@ -295,7 +295,7 @@ def cell_page(tmp_path: Path):
     loop.take(eye(0.0, 0))
     controller = functools.partial(ActiveApplication, loop, eye=eye)
     opened = Opened(loop.integration, loop.session, controller=controller, close=loop.close)
-    with PageServer(opened, port=0) as server:
+    with PageServer(opened) as server:
         yield server
 
 

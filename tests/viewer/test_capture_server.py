@@ -39,7 +39,7 @@ def camera() -> SceneCamera:
 def server(camera: SceneCamera, tmp_path: Path) -> Iterator[PageServer]:
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
-    with PageServer(with_camera(integration, session, feed, settings), port=0) as running:
+    with PageServer(with_camera(integration, session, feed, settings)) as running:
         yield running
     session.close()
     assert camera.closed >= 1
@@ -170,7 +170,7 @@ def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
     camera.depth_scale_m = 0.0001  # the camera says so, and means a thousandth
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
-    with PageServer(with_camera(integration, session, feed, settings), port=0) as server:
+    with PageServer(with_camera(integration, session, feed, settings)) as server:
         robot = Robot(server)
         for n in range(6):
             camera.turn_to(15.0 * n)

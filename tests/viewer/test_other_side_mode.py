@@ -148,7 +148,7 @@ def test_a_place_of_the_other_side_is_hovered_and_picked_there_with_its_pose(ser
 
 def test_a_pick_on_the_other_side_is_kept_while_that_is_not_known(integration, folder):
     folder.add_pick("behind", np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 6, (3.0, 4.0), "other")
-    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
+    with PageServer(Opened(integration, folder)) as server, Tab(server) as tab:
         assert tab.proposed()["picks"][0]["uv_m"] is None
         leads_to(tab, {"type": "show_pick", "id": 1}, {"pick.in_shape": False, "pick.grip": None})
 

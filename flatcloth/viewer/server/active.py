@@ -13,16 +13,14 @@ from flatcloth.viewer.modes.active import active_routes
 from flatcloth.viewer.protocol.robot import RobotEvent, ShapeChanged
 from flatcloth.viewer.routes.robot import Client, events_of, news, pushed
 from flatcloth.viewer.server.app import serve_app
-from flatcloth.viewer.server.guard import PublicUrl, given_token, own_token
+from flatcloth.viewer.server.guard import Endpoint, given_token
 
 
 def serve_active(
     service: ActiveService,
-    host: str,
-    port: int,
+    endpoint: Endpoint,
     token_file: Path | None,
     ready: Callable[[str, str], None],
-    public: PublicUrl | None = None,
 ) -> None:
     """Serve a loop until a robot has received its end, or Ctrl-C or SIGTERM.
 
@@ -30,14 +28,12 @@ def serve_active(
     ----------
     service : ActiveService
         The loop.
-    host, port : str, int
-        Where to listen; port 0 for any free one.
+    endpoint : Endpoint
+        Where to listen.
     token_file : Path, optional
         As for the page: otherwise the token is that of the environment, the user's own, or a new one.
     ready : callable
         Called with the address that robots ask, and the token.
-    public : PublicUrl, optional
-        The address at which a proxy offers the loop.
 
     Raises
     ------
@@ -50,8 +46,8 @@ def serve_active(
         routes.append(pushed("/robot/events", loop_events(service)))
         return Starlette(routes=routes, exception_handlers=REFUSALS)
 
-    token = given_token(token_file) or own_token(host, public)
-    serve_app(make, host, port, token, "robot/next", ready, public)
+    token = given_token(token_file) or endpoint.own_token()
+    serve_app(make, endpoint, token, "robot/next", ready)
 
 
 def loop_events(service: ActiveService) -> Callable[[Client], Iterator[RobotEvent]]:
