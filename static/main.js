@@ -116,7 +116,7 @@ function mayMove() {
 /** @type {Send} */
 function send(message) {
   const sent = connection.send(message);
-  if (!sent && !["hover", "measure"].includes(message.type))
+  if (!sent && !["drawn", "hover", "measure"].includes(message.type))
     notify("warning", "There is no connection; this was not done.");
   return sent;
 }

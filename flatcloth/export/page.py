@@ -161,7 +161,7 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
         "finished": history.document.finished,
         "count": len(xyz),
         "grid": _grid(view),
-        "pieces": _pieces(growth.sheet),
+        "pieces": pieces_of(growth.sheet),
         "bounds": {"low": low.tolist(), "step": step_m},
         "extent": {"low": shown_low.tolist(), "high": shown_high.tolist()},
         "half_extents_m": _half_extents_m(every, (shown_low + shown_high) / 2, axis),
@@ -196,7 +196,7 @@ def _other_side(session: OpenedSession, parcel: Parcel, low: Float64, step_m: fl
         "count": int(sheet.view.valid.sum()),
         "area_cm2": 1e4 * sides.other.view.area_m2,
         "grid": _grid(sheet.view),
-        "pieces": _pieces(sheet),
+        "pieces": pieces_of(sheet),
         "layers": _layers(session, parcel, sheet.view, _OTHER),
     }
 
@@ -228,26 +228,22 @@ def _grid(view: FlattenedView) -> dict[str, Any]:
     window = window_of(view.valid) or np.s_[0:0, 0:0]
     corner = [window[0].start, window[1].start]
     return {
+        **grid_of(view),
         "rows": window[0].stop - corner[0],
         "cols": window[1].stop - corner[1],
-        "pixel_size_m": view.pixel_size_m,
         "origin_uv_m": view.uv_from_rc(np.array(corner)).tolist(),
         "corner_rc": corner,
     }
 
 
-def _pieces(sheet: Sheet) -> list[dict[str, Any]]:
-    return [
-        {
-            "label": piece.label,
-            "area_cm2": 1e4 * piece.view.area_m2,
-            "reason": piece.reason,
-            "placed": piece.placed is not None,
-            "color": hex_of(piece_color(n)),
-            "grid": grid_of(piece.view),
-        }
-        for n, piece in enumerate(sheet.pieces, start=1)
-    ]
+def pieces_of(sheet: Sheet) -> list[dict[str, Any]]:
+    """Return the floating pieces of a side, for the pages."""
+    pieces = []
+    for n, piece in enumerate(sheet.pieces, start=1):
+        about = {"label": piece.label, "reason": piece.reason, "placed": piece.placed is not None}
+        shown = {"color": hex_of(piece_color(n)), "grid": grid_of(piece.view)}
+        pieces.append({**about, "area_cm2": 1e4 * piece.view.area_m2, **shown})
+    return pieces
 
 
 def differences(values: NDArray[Integers]) -> NDArray[Integers]:

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
-from typing import Literal, Protocol, TypeVar, get_args
+from typing import Any, Literal, Protocol, TypeVar, get_args
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.viewer.protocol.sent import Progress
@@ -42,21 +42,6 @@ def attempt(make: Callable[[], T], doing: str) -> T | str:
         return f"Unexpected error while {doing}: {error!r:.300}. See the terminal."
 
 
-def awaited(job: Callable[[], T]) -> tuple[Job, Future[T]]:
-    """Return a job for a thread, and what its result can be awaited with."""
-    done: Future[T] = Future()
-
-    def run() -> None:
-        if not done.set_running_or_notify_cancel():
-            return  # nobody waits any more
-        try:
-            done.set_result(job())
-        except Exception as error:  # noqa: BLE001 - raised where the result is awaited
-            done.set_exception(error)
-
-    return run, done
-
-
 @contextlib.contextmanager
 def one_at_a_time(check: Callable[[], None]) -> Iterator[None]:
     """Wait until no other side and no export is computed, then hold that turn: each takes some 200 MB.
@@ -75,33 +60,19 @@ def one_at_a_time(check: Callable[[], None]) -> Iterator[None]:
 
 
 class Worker:
-    """Runs jobs, which report their own errors, one after the other on a daemon thread."""
+    """Runs jobs one after the other on a daemon thread; what nobody expects of them is logged."""
 
     def __init__(self, name: str) -> None:
-        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]] | None] = queue.SimpleQueue()
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    def put(self, job: Job) -> None:
-        """Add a job; returns immediately."""
-        self._jobs.put(job)
-
-    def result_of(self, job: Callable[[], T], timeout_s: float) -> T:
-        """Run a job after those that wait, and return its result; from any other thread.
-
-        Raises
-        ------
-        FlatclothError
-            If the job does, or its turn does not come in time.
-        """
-        run, done = awaited(job)
-        self.put(run)
-        try:
-            return done.result(timeout_s)
-        except TimeoutError as error:
-            done.cancel()
-            raise FlatclothError("The page is busy; ask again in a moment.") from error
+    def put(self, job: Callable[[], T]) -> Future[T]:
+        """Add a job, and return what its result can be awaited with."""
+        done: Future[T] = Future()
+        self._jobs.put((job, done))
+        return done
 
     @property
     def waiting(self) -> int:
@@ -116,12 +87,32 @@ class Worker:
             self._thread.join(timeout_s)
 
     def _run(self) -> None:
-        while (job := self._jobs.get()) is not None:
-            try:
-                job()
-            except BaseException:  # noqa: BLE001 - the thread must not die of a job
-                _log.exception("a job of the thread %s failed", self._thread.name)
-            job = None  # frees the arrays that it refers to
+        while (waiting := self._jobs.get()) is not None:
+            job, done = waiting
+            if done.set_running_or_notify_cancel():
+                try:
+                    done.set_result(job())
+                except BaseException as error:  # noqa: BLE001 - the thread must not die of a job
+                    if not isinstance(error, FlatclothError | CancelledError):
+                        _log.exception("a job of the thread %s failed", self._thread.name)
+                    done.set_exception(error)
+            waiting = None
+            del job, done  # frees the arrays that they refer to
+
+
+def result_of(done: Future[T], timeout_s: float) -> T:
+    """Return the result of a job that was put on a thread; on any other one.
+
+    Raises
+    ------
+    FlatclothError
+        If the job does, or its turn does not come in time.
+    """
+    try:
+        return done.result(timeout_s)
+    except TimeoutError as error:
+        done.cancel()
+        raise FlatclothError("The page is busy; ask again in a moment.") from error
 
 
 Patient = Literal["review", "garment", "other side"]
@@ -148,20 +139,24 @@ class Executor:
         self._urgent, self._idle_since_s = 0, -PATIENCE_S
         self.has_ended = False
 
-    def put(self, lane: Lane, job: Job) -> None:
-        """Add a job; returns immediately."""
+    def put(self, lane: Lane, job: Callable[[], T]) -> Future[T]:
+        """Add a job, and return what its result can be awaited with."""
 
-        def run() -> None:
+        def run() -> T:
             if lane in _PATIENT:
                 self._wait_until_idle()
             try:
-                if not self.has_ended:
-                    job()
+                if self.has_ended:
+                    raise CancelledError
+                return job()
             finally:
                 self._count(lane, -1)
 
         self._count(lane, 1)
-        self._worker(lane).put(run)
+        with self._changed:
+            if lane not in self._lanes:
+                self._lanes[lane] = Worker(f"flatcloth-{lane}")
+            return self._lanes[lane].put(run)
 
     def compute(
         self,
@@ -184,10 +179,6 @@ class Executor:
 
         self.put(lane, job)
 
-    def result_of(self, lane: Lane, job: Callable[[], T], timeout_s: float) -> T:
-        """Run a job after those that wait, and return its result; from any thread but those of the lanes."""
-        return self._worker(lane).result_of(job, timeout_s)
-
     def stop(self) -> None:
         """Drop what waits, and end the threads after their current jobs."""
         with self._changed:
@@ -196,12 +187,6 @@ class Executor:
             lanes = [*self._lanes.values()]
         for worker in lanes:
             worker.stop(timeout_s=2.0)
-
-    def _worker(self, lane: Lane) -> Worker:
-        with self._changed:
-            if lane not in self._lanes:
-                self._lanes[lane] = Worker(f"flatcloth-{lane}")
-            return self._lanes[lane]
 
     def _wait_until_idle(self) -> None:
         with self._changed:

@@ -101,7 +101,7 @@ export class FlatCanvas {
     }
     this.beside.update(state, layerName);
     this.showMarks(state.picks);
-    const at = state.pick?.in_shape ? this.shownAt(state.pick.side, state.pick.uv_m) : null;
+    const at = state.pick?.uv_m ? this.shownAt(state.pick.side, state.pick.uv_m) : null;
     this.pick = state.pick && at && { ...state.pick, uv_m: at };
     this.redraw();
   }

@@ -434,21 +434,19 @@ export interface Rigid2 {
   v_m: number;
 }
 
-/** All numbers of the current pick; its pixel and its place are those of its ``side`` of the item. */
+/** All numbers of the current pick. */
 export interface PickInfo {
   id: number;
   name: string;
   side: "other" | "this";
-  rc: [number, number];
-  uv_m: [number, number];
-  in_shape: boolean;
+  view_index: number;
   position_held_m: [number, number, number];
+  uv_m: [number, number] | null;
+  kept: boolean;
   position_camera_m: [number, number, number];
   normal_held: [number | null, number | null, number | null];
   normal_camera: [number | null, number | null, number | null];
   angle_deg: number;
-  z_angle_deg: number | null;
-  view_index: number;
   source_rc: [number | null, number | null];
   miss_m: number;
   grip: GripInfo | null;
@@ -683,7 +681,7 @@ export interface OtherSideInfo {
   reliable_share: number | null;
 }
 
-/** The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed. */
+/** The status of the camera and of a guided capture. */
 export interface CaptureStatus {
   camera: string;
   camera_fps: number;
@@ -692,7 +690,6 @@ export interface CaptureStatus {
   warnings: string[];
   folder: string;
   phase: string;
-  why_not: Record<string, string | null>;
   step_deg: number;
   hold_s: number;
   frames: number;
@@ -730,15 +727,7 @@ export interface ActiveStatus {
   turning: boolean;
   turns_itself: boolean;
   is_simulated: boolean;
-  steps: ActiveStep[];
-}
-
-/** A view that an active loop took: what was expected of it, and what it brought. */
-export interface ActiveStep {
-  number: number;
-  angle_deg: number;
-  expected: string;
-  got: string;
+  steps: Record<string, any>[];
 }
 
 /** The values under the pointer, of the shape and of the proposal, and the place in a source image. */

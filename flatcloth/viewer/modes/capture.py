@@ -75,8 +75,12 @@ _OF_RECORDINGS = ("teach", "export", "source_image", "source_mask", "source_stat
 CHECKED_VIEWS = 6
 """Views on disk after which a capture is checked: fewer pairs are no evidence. Chosen."""
 
-_NOT_BEGUN = "No capture is running; start one first."
-
+_COMMANDS: dict[str, capture.Command] = {
+    "keep": capture.keep,
+    "repeat": capture.repeat,
+    "turned": capture.turned,
+    "finish": capture.finish,
+}
 _WANTED = 'Send {"angle_deg": 20.0}, and "keep": false if an operator decides.'
 _HEARD = ("begin", "keep", "repeat", "finish")
 """Actions that a program may post, besides an angle."""
@@ -355,27 +359,25 @@ class CaptureApplication(PageController):
             If it is not allowed now, or fails; the message gives the reason.
         """
         angle = math.nan if angle_deg is None else angle_deg
-        commands: dict[str, capture.Command] = {
-            "repeat": capture.repeat,
-            "turned": capture.turned,
-            "finish": capture.finish,
-            "aim": lambda state: capture.aim(state, angle),
-            "announce": lambda state: capture.announce(state, angle, keeps_itself),
-        }
         with self._lock:
             if self._ended is not None and action != "finish":
                 raise CameraError(self._ended)
             if action == "begin" or (action == "announce" and self._guided is None):
                 self._begin_capture()
-            if action == "begin":
-                return
             guided = self._guided
             if guided is None:
-                raise IllegalDecisionError(_NOT_BEGUN)
-            if action == "keep":
-                guided.keep()
-            else:
-                guided.do(commands[action])
+                raise IllegalDecisionError("No capture is running; start one first.")
+            match action:
+                case "begin":
+                    return
+                case "keep":
+                    guided.keep()
+                case "aim":
+                    guided.do(lambda state: capture.aim(state, angle))
+                case "announce":
+                    guided.do(lambda state: capture.announce(state, angle, keeps_itself))
+                case _:
+                    guided.do(_COMMANDS[action])
             self._note_view()
             if guided.state.phase is Phase.DONE:
                 guided.close()
@@ -432,7 +434,6 @@ class CaptureApplication(PageController):
                 warnings=(*self._warnings, *self._doubts),
                 folder=str(self._chosen.folder),
                 phase=phase,
-                why_not={a: None if phase == when else why for a, (when, why) in _ALLOWED.items()},
                 step_deg=self._chosen.step_deg,
                 hold_s=HOLD_S,
                 frames=self._chosen.frames,
@@ -463,27 +464,24 @@ class CaptureApplication(PageController):
             "views": kept,
             "present_view": None,
             "angle_deg": None,
-            "actions": tuple(_allowed(action, status) for action in action_table(None)),
+            "actions": tuple(map(self._allowed, action_table(None))),
         }
+
+    def _allowed(self, action: Action) -> Action:
+        """Return an action with the reason why it is not allowed now."""
+        command = _COMMANDS.get(action.name.removeprefix("capture_"))
+        if command is None:
+            why = _NO_RECORDING if action.name in _OF_RECORDINGS else action.why_not
+            return structs.replace(action, why_not=why)
+        try:
+            command(Capture(step_deg=0.0) if self._guided is None else self._guided.state)
+        except IllegalDecisionError as error:
+            return structs.replace(action, why_not=str(error))
+        return structs.replace(action, why_not=None)
 
 
 def _place(state: Capture) -> tuple[Phase, int, float]:
     return state.phase, len(state.kept_deg), state.target_deg
-
-
-_ALLOWED = {
-    "capture_turned": ("turn", "No turn is expected now."),
-    "capture_keep": ("review", "There is no view to keep yet."),
-    "capture_repeat": ("review", "There is no view to repeat yet."),
-}
-"""For actions of the page's table: the phase in which they are allowed, and the reason otherwise."""
-
-
-def _allowed(action: Action, status: sent.CaptureStatus) -> Action:
-    """Return an action with the reason why a camera's page does not allow it now."""
-    if action.name in status.why_not:
-        return structs.replace(action, why_not=status.why_not[action.name])
-    return structs.replace(action, why_not=_NO_RECORDING if action.name in _OF_RECORDINGS else action.why_not)
 
 
 def _picture(view: TakenView) -> bytes:

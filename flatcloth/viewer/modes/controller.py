@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from starlette.routing import BaseRoute
+from starlette.requests import Request
+from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.geometry import Rigid3
@@ -27,6 +28,7 @@ from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
 from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.http import RefusedError, get
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages, sent
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
@@ -34,7 +36,7 @@ from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import Picture, described, layers_of
 from flatcloth.viewer.protocol.sent import UV, AutoInfo
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore
-from flatcloth.viewer.worker import Background, Executor, Worker
+from flatcloth.viewer.worker import Background, Executor, Worker, result_of
 
 if TYPE_CHECKING:  # viser is loaded with the first source, and not at all for a robot without a page
     from flatcloth.viewer.scene.scene import Scene
@@ -107,6 +109,17 @@ class PageController(ABC):
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this mode."""
         return []
+
+    def of_view(self, path: str, make: Callable[[Request, int], Any], **options: Any) -> Route:
+        """Return a route (:func:`flatcloth.viewer.http.get`) of each ``{view}`` of the recording."""
+
+        def made(request: Request) -> Any:
+            view = int(request.path_params["view"])
+            if view >= len(self.integration.recording):
+                raise RefusedError(f"View {view} does not exist.", 404)
+            return make(request, view)
+
+        return get(path, made, **options)
 
     @abstractmethod
     def start(self) -> None:
@@ -196,7 +209,7 @@ class PageController(ABC):
         """
         if self.is_swamped:
             raise FlatclothError("The page has too much to do; ask again in a moment.")
-        return self._front.result_of(job, ANSWER_S)
+        return result_of(self._front.put(job), ANSWER_S)
 
     # --- the page's own thread ---------------------------------------------------------------
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import LaidPiece, Rigid2
@@ -19,7 +18,6 @@ from flatcloth.garments.deciding import decided, held_point, pulls_of, with_plac
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.recognition import NONE
-from flatcloth.methods.answers import JoinedSides
 from flatcloth.session.document import Document
 from flatcloth.session.garment import GarmentCommand, ReleasePoints, SetKind
 from flatcloth.session.journal import SheetSide
@@ -58,8 +56,13 @@ class GarmentController:
             return
         # A garment is the same, and as sure: by shape, decisions, and whether views are left.
         key = self._shown = document.shape_key, document.garment, document.finished is None
+
+        def recognise(_check: Check) -> tuple[KnownGarment, FoundGarment]:
+            known = self._page.garments.of(document)
+            return known, typed(summary(known), FoundGarment)
+
         if not busy:
-            self._work.ask(key, lambda _: _with_found(self._page.garments.of(document)), self._take)
+            self._work.ask(key, recognise, self._take)
 
     def forget(self) -> None:
         """Recognise the garment of the same shape again at the next :meth:`follow`: more is known of it."""
@@ -177,11 +180,6 @@ class GarmentController:
         )
 
 
-def _with_found(known: KnownGarment) -> tuple[KnownGarment, FoundGarment]:
-    """Return a garment, and its data for the page."""
-    return known, typed(summary(known), FoundGarment)
-
-
 NOT_ASKED = "The other side is not computed yet."
 
 
@@ -239,22 +237,16 @@ class OtherSideController:
     # --- the worker -----------------------------------------------------------------------------
 
     def _joined(self, key: tuple[Hashable, ...], document: Document, check: Check) -> OtherSheet | str:
+        integration = self.both.integration
         with one_at_a_time(check):
             sides = self.both.joined(document, check, check=check)
-            return sides if isinstance(sides, str) else self._laid_out(key, sides)
-
-    def _laid_out(self, key: Hashable, sides: JoinedSides) -> OtherSheet:
-        integration = self.both.integration
-        sheet = lay_out(sides.other)
-        sheet = replace(sheet, view=with_errors(sheet.view, integration.recording, sheet.piece))
-        self._revision += 1
-        return OtherSheet(
-            revision=self._revision,
-            key=key,
-            sides=sides,
-            sheet=sheet,
-            legends=legends_of(sheet.view, integration),
-        )
+            if isinstance(sides, str):
+                return sides
+            sheet = lay_out(sides.other)
+            sheet = replace(sheet, view=with_errors(sheet.view, integration.recording, sheet.piece))
+            self._revision += 1
+            found = legends_of(sheet.view, integration)
+            return OtherSheet(revision=self._revision, key=key, sides=sides, sheet=sheet, legends=found)
 
     def _take(self, made: OtherSheet | str) -> None:
         self.made, self._text = (None, made) if isinstance(made, str) else (made, "")
@@ -267,17 +259,17 @@ class OtherSideController:
         if not self.available:
             return None
         made = self.made
-        info = sent.OtherSideInfo(
+        computed: dict[str, Any] = {}
+        if made is not None:
+            computed = {
+                "layers": layers_of(made),
+                "is_related": made.sides.is_related,
+                "reliable_share": uncertainty(made.sides.other.view).get("firm_share"),
+            }
+        return sent.OtherSideInfo(
             revision=0 if made is None else made.revision,
             working=self.is_working,
             progress=self._work.progress,
             text=self._text,
-        )
-        if made is None:
-            return info
-        return structs.replace(
-            info,
-            layers=layers_of(made),
-            is_related=made.sides.is_related,
-            reliable_share=uncertainty(made.sides.other.view).get("firm_share"),
+            **computed,
         )

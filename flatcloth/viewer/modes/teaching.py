@@ -14,7 +14,7 @@ import numpy as np
 from starlette.requests import Request
 from starlette.responses import Response
 
-from flatcloth.checking.check import CheckLesson, check_lesson
+from flatcloth.checking.check import check_lesson
 from flatcloth.core.decoding import Finite, MisfitError, fitted
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import Progress, RotationAxis, Uint8
@@ -223,11 +223,6 @@ def garment_parcel(known: KnownGarment | None, axis: RotationAxis, progress: Pro
     return parcel_of(values, arrays)
 
 
-def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
-    """Return the drawing data of a check: ``picture`` (H, W, 3) shows two views laid on each other."""
-    return parcel_of(lesson, {"laid": np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])})
-
-
 # --- the question ----------------------------------------------------------------------------------
 
 OF_ONE_VIEW = ("flattening", "planning", "alignment")
@@ -318,7 +313,8 @@ class TeachingRoutes:
                 parcel = garment_parcel(self._page.garments.last, axis, progress)
             case _:
                 checked = check_lesson(recording, integration.views.recorded, axis)
-                views = checked.first, checked.second
-                parcel = check_parcel(checked, mistaken(recording, views, _MISTAKES))
+                picture = mistaken(recording, (checked.first, checked.second), _MISTAKES)
+                opaque = np.full(picture.shape[:2], 255, np.uint8)
+                parcel = parcel_of(checked, {"laid": np.dstack([picture, opaque])})
         used = {"parameters": asdict(parameters), "defaults": asdict(teaching.defaults)}
         return parcel.pack({**used, "start_view": view, "angles_deg": list(recording.angles_deg)})
