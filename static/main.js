@@ -1,6 +1,7 @@
 // The page: takes the server's states, gives them to its parts, and turns what the operator does into messages.
 
 import { FlatCanvas } from "./canvas/canvas.js";
+import { boxOf } from "./canvas/geometry.js";
 import { Handles } from "./canvas/handles.js";
 import { Comparison } from "./canvas/compare.js";
 import { KeyPointer } from "./canvas/key_pointer.js";
@@ -25,7 +26,6 @@ import { loadScene, openScene, startScene } from "./page/scene.js";
 import { StatusLines } from "./page/status.js";
 import { seen } from "./both/seen.js";
 import { applyTheme, onTheme, toggleTheme } from "./page/theme.js";
-import { CapturePanel } from "./panels/capture.js";
 import { PANELS } from "./panels/index.js";
 import { showLegend } from "./panels/readout.js";
 import { Repair } from "./panels/repair.js";
@@ -58,7 +58,12 @@ const canvas = (page.canvas = new FlatCanvas({
     page.each("placed");
     acceptOnceDrawn();
   },
-  shown: () => settle(),
+  shown: () => {
+    settle();
+    // An animation frame comes only where somebody looks.
+    const { layerRevision: revision } = canvas;
+    if (page.hasCamera) requestAnimationFrame(() => send({ type: "drawn", revision }));
+  },
 }));
 let acceptsOnceDrawn = false; // Accept was pressed before the proposal was drawn
 let decidedMs = -Infinity; // when the last verdict was given
@@ -75,7 +80,6 @@ page.add(new StatusLines(page));
 for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page));
 page.add(new Handles(page, () => repair.picking));
-const capture = /** @type {CapturePanel} */ (page.panels.find((panel) => panel instanceof CapturePanel));
 page.verdicts = page.add(new Verdicts(page));
 page.add(new Timeline(page));
 page.add(new ReviewList(page));
@@ -116,7 +120,7 @@ function mayMove() {
 /** @type {Send} */
 function send(message) {
   const sent = connection.send(message);
-  if (!sent && !["hover", "measure"].includes(message.type))
+  if (!sent && !["drawn", "hover", "measure"].includes(message.type))
     notify("warning", "There is no connection; this was not done.");
   return sent;
 }
@@ -142,28 +146,13 @@ function show(/** @type {State} */ state) {
   if (page.hasCamera || !(state.layers || state.drawing || state.phase === "computing")) settle();
   else if (state.sides) openScene(); // while they are being found, it shows a view
   page.each("update", page.state);
-  if (page.hasCamera) showFrame(state);
-  else showLayer(page.state);
+  showLayer(page.state);
   takeServerLog(state.log, state.auto.running);
   acceptOnceDrawn();
 }
 
-function showFrame(/** @type {State} */ state) {
-  // While playing, each frame brings the place of the current pick; the others would lag behind.
-  const playing = Boolean(state.capture?.playing);
-  if (!playing) canvas.pick = state.pick?.in_shape ? state.pick : null;
-  canvas.showMarks(playing ? [] : state.picks);
-  looking.show();
-  capture.watch(drawFrame);
-}
-
-function drawFrame(/** @type {FrameInfo} */ frame, /** @type {Shown | null} */ shown) {
-  canvas.showFrame(shown, frame.pick_uv_m);
-  canvas.draw(); // at once: this is an animation frame, and what is acknowledged has been drawn
-  showWords(byId("empty"), shown ? "" : frame.reason);
-}
-
 function showLayer(/** @type {State} */ state) {
+  if (page.hasCamera && state.layers) canvas.hold(boxOf(state.layers));
   canvas.update(state, page.layer);
   showLegend(comparison.legend ?? state.layers?.legends[page.layer]);
   looking.show(state.layers?.legends.truth.kind === "ramp");
@@ -171,7 +160,7 @@ function showLayer(/** @type {State} */ state) {
 }
 
 function whyEmpty(/** @type {State} */ { trouble, start_view, phase }) {
-  if (trouble) return trouble;
+  if (trouble || page.hasCamera) return trouble;
   if (start_view !== null) return "The shape of the session is being drawn.";
   if (phase === "computing") return "The start view is being flattened.";
   return "Nothing is flattened yet. Press Step (S): the start view is chosen and flattened.";
@@ -308,7 +297,6 @@ const shown = {
   step: () => page.state?.step ?? 0,
   phase: () => page.state?.phase ?? null,
   pick: () => page.state?.pick ?? null,
-  frame: () => capture.frame,
   teaching: () => teaching?.status ?? { open: false },
   layerRevision: () => canvas.layerRevision,
   marksDrawn: () => canvas.marksDrawn,

@@ -48,7 +48,7 @@ def folder() -> MemoryFolder:
 @pytest.fixture
 def server(integration: CylinderIntegration, folder: MemoryFolder) -> Iterator[PageServer]:
     """The page's server over an exact cylinder, with its session in memory."""
-    with PageServer(Opened(integration, folder), port=0) as running:
+    with PageServer(Opened(integration, folder)) as running:
         yield running
         integration.gate.set()
 

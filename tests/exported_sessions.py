@@ -125,7 +125,7 @@ def serving(session: Path, recording: Path, **options: Any) -> Iterator[PageServ
     integration = Integration(opened, method="paper")
     folder = SessionFolder.open(session, opened, integration.config, "paper")
     try:
-        with PageServer(Opened(integration, folder, **options), port=0) as running:
+        with PageServer(Opened(integration, folder, **options)) as running:
             yield running
     finally:
         folder.close()

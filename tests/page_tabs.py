@@ -1,20 +1,17 @@
 """A tab of the page without a browser: its socket, and what it was told."""
 
 import contextlib
-import io
 import json
 import time
 from functools import reduce
 from operator import or_
 from typing import Any
 
-import cv2
 import httpx
 import msgspec
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from flatcloth.core.parcel import unpack
 from flatcloth.viewer.protocol.sent import ServerMessage
 from flatcloth.viewer.server.app import PageServer
 
@@ -42,17 +39,6 @@ def open_socket(server: PageServer, path: str = "/ws", **options: Any) -> Client
     address = f"127.0.0.1:{server.port}"
     usual = {"origin": f"http://{address}", "max_size": None, "additional_headers": bearer(server)}
     return connect(f"ws://{address}{path}", **{**usual, **options})
-
-
-def get_frame(server: PageServer, after: int = 0) -> dict[str, Any]:
-    """Return the next frame of a camera that could be flattened, with its picture as ``image``."""
-    while True:
-        answer = get(server, f"/capture/frame/{after}")
-        if answer.status_code == 200:
-            frame, pictures = unpack(io.BytesIO(answer.content).read)
-            if pictures:
-                return {**frame, "image": cv2.imdecode(pictures["frame"], cv2.IMREAD_UNCHANGED)}
-            after = frame["sequence"]
 
 
 class Tab:

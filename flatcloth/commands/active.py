@@ -72,14 +72,14 @@ def run(options: Options) -> int:
 def listen(service: ActiveService, options: Options, port: int) -> None:
     """Let a robot turn the item."""
     from flatcloth.viewer.server.active import serve_active
-    from flatcloth.viewer.server.guard import PublicUrl
+    from flatcloth.viewer.server.guard import Endpoint, PublicUrl
 
     def ready(url: str, token: str) -> None:
         words = f"Robots ask {url} with the token {token} (Ctrl-C ends it)"
         announce(options, words, url, token, session=str(service.loop.folder))
 
-    public = None if options.public_url is None else PublicUrl.parse(options.public_url)
-    serve_active(service, options.host, port, options.token_file, ready, public)
+    endpoint = Endpoint(options.host, port, PublicUrl.parse(options.public_url))
+    serve_active(service, endpoint, options.token_file, ready)
 
 
 def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None:

@@ -222,26 +222,24 @@ def _frames(options: Options) -> int:
 def page_options(options: Options) -> dict[str, Any]:
     """Return what the server of the page needs of the options of ``view``."""
     from flatcloth.viewer.places import Places
-    from flatcloth.viewer.server.guard import PublicUrl, given_token, is_open
+    from flatcloth.viewer.server.guard import Endpoint, PublicUrl, given_token
 
-    public = None if options.public_url is None else PublicUrl.parse(options.public_url)
+    endpoint = Endpoint(options.host, options.port, PublicUrl.parse(options.public_url))
 
     def ready(server: PageServer) -> None:
-        here = "" if public is None else f", served to its proxy at port {server.port}"
+        here = "" if endpoint.public is None else f", served to its proxy at port {server.port}"
         words = f"flatcloth is at {server.url}{here} (Ctrl-C ends it)"
         session = None if server.session is None else str(server.session)
         announce(options, words, server.url, server.token, recording=server.recording, session=session)
 
     token = False if options.no_token else given_token(options.token_file) or True
-    if token is True and options.quiet and is_open(options.host, public):
+    if token is True and options.quiet and endpoint.is_open:
         raise FlatclothError("--quiet would keep the token to itself; give --token-file or FLATCLOTH_TOKEN.")
     return {
         "ready": ready,
-        "host": options.host,
-        "port": options.port,
+        "endpoint": endpoint,
         "token": token,
-        "places": Places(options.root, own=not is_open(options.host, public)),
-        "public": public,
+        "places": Places(options.root, own=not endpoint.is_open),
         "opener": functools.partial(opened_place, options),
     }
 

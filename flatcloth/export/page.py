@@ -214,25 +214,25 @@ def _side(
     return {
         "count": len(xyz),
         "grid": {
+            **grid_of(view),
             "rows": window[0].stop - corner[0],
             "cols": window[1].stop - corner[1],
-            "pixel_size_m": view.pixel_size_m,
             "origin_uv_m": view.uv_from_rc(np.array(corner)).tolist(),
             "corner_rc": corner,
         },
-        "pieces": [
-            {
-                "label": piece.label,
-                "area_cm2": 1e4 * piece.view.area_m2,
-                "reason": piece.reason,
-                "placed": piece.placed is not None,
-                "color": hex_of(piece_color(n)),
-                "grid": grid_of(piece.view),
-            }
-            for n, piece in enumerate(sheet.pieces, start=1)
-        ],
+        "pieces": pieces_of(sheet),
         "layers": _layers(session, parcel, view, window, prefix),
     }
+
+
+def pieces_of(sheet: Sheet) -> list[dict[str, Any]]:
+    """Return the floating pieces of a side, for the pages."""
+    pieces = []
+    for n, piece in enumerate(sheet.pieces, start=1):
+        about = {"label": piece.label, "reason": piece.reason, "placed": piece.placed is not None}
+        shown = {"color": hex_of(piece_color(n)), "grid": grid_of(piece.view)}
+        pieces.append({**about, "area_cm2": 1e4 * piece.view.area_m2, **shown})
+    return pieces
 
 
 def differences(values: NDArray[Integers]) -> NDArray[Integers]:

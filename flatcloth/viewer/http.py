@@ -24,7 +24,7 @@ from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
 from flatcloth.viewer.protocol.sent import encoded
-from flatcloth.viewer.worker import Executor, Lane, attempt, awaited
+from flatcloth.viewer.worker import Executor, Lane, attempt
 
 T = TypeVar("T")
 
@@ -46,7 +46,7 @@ def get(
     media_type: str = "image/png",
     *,
     kept: str = "no-store",
-    gone: str | None = "This picture is no longer shown; a newer state follows.",
+    gone: str | None = "This is not shown now; a newer state follows.",
 ) -> Route:
     """Return a route: what ``make`` returns on a thread is sent, bytes as they are, other values as JSON.
 
@@ -115,15 +115,15 @@ def page_of(request: Request, file: Path) -> Response:
 
 async def made_for(
     request: Request, executor: Executor, lane: Lane, make: Callable[[Callable[[], None]], T], doing: str
-) -> T | None:
-    """Return what is made on a lane of a page; None if the client has left, or the page has ended.
+) -> T:
+    """Return what is made on a lane of a page.
 
     ``make`` calls what it is given from time to time: that raises ``CancelledError`` then.
 
     Raises
     ------
     FlatclothError
-        If it cannot be made.
+        If it cannot be made; or, with an answer that nobody reads, if the client has left.
     """
     left = False
 
@@ -131,27 +131,21 @@ async def made_for(
         if left or executor.has_ended:
             raise CancelledError
 
-    run, made = awaited(lambda: attempt(lambda: make(check), doing))
-    work = asyncio.wrap_future(made)
+    work = asyncio.wrap_future(executor.put(lane, lambda: attempt(lambda: make(check), doing)))
     work.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may be left to ask
-    executor.put(lane, run)
     try:
         while not work.done():
             await asyncio.wait([work], timeout=LOOK_S)
             if not work.done() and (executor.has_ended or await request.is_disconnected()):
-                return None
+                raise CancelledError
         found = work.result()
-    except CancelledError:
-        return None
+    except CancelledError as error:
+        raise RefusedError("The client has left.", 499) from error
     finally:
         left = True
     if isinstance(found, str):
         raise FlatclothError(found)
     return found
-
-
-GONE = PlainTextResponse("The client has left.", status_code=499)
-"""The answer that nobody reads."""
 
 
 class RefusedError(FlatclothError):
@@ -197,38 +191,28 @@ def rotation_of(request: HTTPConnection) -> float | None:
     return rotation_deg
 
 
-async def read_body(request: Request, most_bytes: int) -> bytes:
-    """Return the body of a request; a longer one is not read to its end.
+async def read_json(request: Request, kind: type[T], most_bytes: int, hint: str = "") -> T:
+    """Return the body of a request as a value of a type; a longer one is not read to its end.
 
     Raises
     ------
-    ValueError
-        If it is longer than ``most_bytes``, also if its headers give no length; if it is not there within 10
-        seconds, or the client leaves.
+    RefusedError
+        If it is no JSON of that type, with the ``hint``; if it is longer than ``most_bytes``, also if its
+        headers give no length; if it is not there within 10 seconds, or the client leaves.
     """
     body = b""
+    cause: Exception
     try:
         async with asyncio.timeout(BODY_S):
             async for piece in request.stream():
                 body += piece
                 if len(body) > most_bytes:
                     raise ValueError(f"it is longer than {most_bytes} bytes")
+        return msgspec.json.decode(body, type=kind)
     except TimeoutError as error:
-        raise ValueError(f"it was not sent within {BODY_S:g} s") from error
+        why, cause = f"it was not sent within {BODY_S:g} s", error
     except ClientDisconnect as error:
-        raise ValueError("it was cut short") from error
-    return body
-
-
-async def read_json(request: Request, kind: type[T], most_bytes: int, hint: str = "") -> T:
-    """Return the body of a request as a value of a type.
-
-    Raises
-    ------
-    RefusedError
-        If it is no JSON of that type, with the ``hint``; or as :func:`read_body`.
-    """
-    try:
-        return msgspec.json.decode(await read_body(request, most_bytes), type=kind)
+        why, cause = "it was cut short", error
     except (ValueError, RecursionError) as error:
-        raise RefusedError(f"The body was not understood: {error}. {hint}".rstrip(), 400) from error
+        why, cause = str(error), error
+    raise RefusedError(f"The body was not understood: {why}. {hint}".rstrip(), 400) from cause

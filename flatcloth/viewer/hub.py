@@ -119,7 +119,10 @@ class Hub:
         sender = asyncio.create_task(_send(socket, tab))
         try:
             while True:
-                await receive(key, tab, await _next_text(socket))
+                message = await socket.receive()
+                if message["type"] == "websocket.disconnect":
+                    break
+                await receive(key, tab, str(message.get("text") or ""))
         except (WebSocketDisconnect, RuntimeError):
             pass
         finally:
@@ -132,14 +135,6 @@ class Hub:
 
 def _fields_of(state: PageState) -> dict[str, bytes]:
     return {name: encoded(getattr(state, name)) for name in state.__struct_fields__}
-
-
-async def _next_text(socket: WebSocket) -> str:
-    message = await socket.receive()
-    if message["type"] == "websocket.disconnect":
-        raise WebSocketDisconnect(message.get("code", 1000))
-    text = message.get("text")
-    return "" if text is None else str(text)
 
 
 async def _send(socket: WebSocket, tab: Tab) -> None:

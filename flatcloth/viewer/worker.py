@@ -7,11 +7,12 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
-from typing import Literal, TypeVar, get_args
+from typing import Any, Literal, Protocol, TypeVar, get_args
 
 from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.viewer.protocol.sent import Progress
 
 _log = logging.getLogger(__name__)
 
@@ -41,21 +42,6 @@ def attempt(make: Callable[[], T], doing: str) -> T | str:
         return f"Unexpected error while {doing}: {error!r:.300}. See the terminal."
 
 
-def awaited(job: Callable[[], T]) -> tuple[Job, Future[T]]:
-    """Return a job for a thread, and what its result can be awaited with."""
-    done: Future[T] = Future()
-
-    def run() -> None:
-        if not done.set_running_or_notify_cancel():
-            return  # nobody waits any more
-        try:
-            done.set_result(job())
-        except Exception as error:  # noqa: BLE001 - raised where the result is awaited
-            done.set_exception(error)
-
-    return run, done
-
-
 @contextlib.contextmanager
 def one_at_a_time(check: Callable[[], None]) -> Iterator[None]:
     """Wait until no other side and no export is computed, then hold that turn: each takes some 200 MB.
@@ -74,33 +60,19 @@ def one_at_a_time(check: Callable[[], None]) -> Iterator[None]:
 
 
 class Worker:
-    """Runs jobs, which report their own errors, one after the other on a daemon thread."""
+    """Runs jobs one after the other on a daemon thread; what nobody expects of them is logged."""
 
     def __init__(self, name: str) -> None:
-        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]] | None] = queue.SimpleQueue()
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    def put(self, job: Job) -> None:
-        """Add a job; returns immediately."""
-        self._jobs.put(job)
-
-    def result_of(self, job: Callable[[], T], timeout_s: float) -> T:
-        """Run a job after those that wait, and return its result; from any other thread.
-
-        Raises
-        ------
-        FlatclothError
-            If the job does, or its turn does not come in time.
-        """
-        run, done = awaited(job)
-        self.put(run)
-        try:
-            return done.result(timeout_s)
-        except TimeoutError as error:
-            done.cancel()
-            raise FlatclothError("The page is busy; ask again in a moment.") from error
+    def put(self, job: Callable[[], T]) -> Future[T]:
+        """Add a job, and return what its result can be awaited with."""
+        done: Future[T] = Future()
+        self._jobs.put((job, done))
+        return done
 
     @property
     def waiting(self) -> int:
@@ -115,17 +87,37 @@ class Worker:
             self._thread.join(timeout_s)
 
     def _run(self) -> None:
-        while (job := self._jobs.get()) is not None:
-            try:
-                job()
-            except BaseException:  # noqa: BLE001 - the thread must not die of a job
-                _log.exception("a job of the thread %s failed", self._thread.name)
-            job = None  # frees the arrays that it refers to
+        while (waiting := self._jobs.get()) is not None:
+            job, done = waiting
+            if done.set_running_or_notify_cancel():
+                try:
+                    done.set_result(job())
+                except BaseException as error:  # noqa: BLE001 - the thread must not die of a job
+                    if not isinstance(error, FlatclothError | CancelledError):
+                        _log.exception("a job of the thread %s failed", self._thread.name)
+                    done.set_exception(error)
+            waiting = None
+            del job, done  # frees the arrays that they refer to
+
+
+def result_of(done: Future[T], timeout_s: float) -> T:
+    """Return the result of a job that was put on a thread; on any other one.
+
+    Raises
+    ------
+    FlatclothError
+        If the job does, or its turn does not come in time.
+    """
+    try:
+        return done.result(timeout_s)
+    except TimeoutError as error:
+        done.cancel()
+        raise FlatclothError("The page is busy; ask again in a moment.") from error
 
 
 Patient = Literal["review", "garment", "other side"]
 """Lanes whose jobs begin when the other lanes have been idle for ``PATIENCE_S``: nobody waits for them."""
-Lane = Literal["work", "ahead", "repair", "sides", "scene", "clouds", "teaching", "export"] | Patient
+Lane = Literal["work", "ahead", "repair", "sides", "scene", "frames", "clouds", "lesson", "export"] | Patient
 _PATIENT = get_args(Patient)
 PATIENCE_S = 1.5
 """Chosen: while an operator decides view after view, no work begins that the next decision makes useless."""
@@ -147,20 +139,24 @@ class Executor:
         self._urgent, self._idle_since_s = 0, -PATIENCE_S
         self.has_ended = False
 
-    def put(self, lane: Lane, job: Job) -> None:
-        """Add a job; returns immediately."""
+    def put(self, lane: Lane, job: Callable[[], T]) -> Future[T]:
+        """Add a job, and return what its result can be awaited with."""
 
-        def run() -> None:
+        def run() -> T:
             if lane in _PATIENT:
                 self._wait_until_idle()
             try:
-                if not self.has_ended:
-                    job()
+                if self.has_ended:
+                    raise CancelledError
+                return job()
             finally:
                 self._count(lane, -1)
 
         self._count(lane, 1)
-        self._worker(lane).put(run)
+        with self._changed:
+            if lane not in self._lanes:
+                self._lanes[lane] = Worker(f"flatcloth-{lane}")
+            return self._lanes[lane].put(run)
 
     def compute(
         self,
@@ -183,10 +179,6 @@ class Executor:
 
         self.put(lane, job)
 
-    def result_of(self, lane: Lane, job: Callable[[], T], timeout_s: float) -> T:
-        """Run a job after those that wait, and return its result; from any thread but those of the lanes."""
-        return self._worker(lane).result_of(job, timeout_s)
-
     def stop(self) -> None:
         """Drop what waits, and end the threads after their current jobs."""
         with self._changed:
@@ -195,12 +187,6 @@ class Executor:
             lanes = [*self._lanes.values()]
         for worker in lanes:
             worker.stop(timeout_s=2.0)
-
-    def _worker(self, lane: Lane) -> Worker:
-        with self._changed:
-            if lane not in self._lanes:
-                self._lanes[lane] = Worker(f"flatcloth-{lane}")
-            return self._lanes[lane]
 
     def _wait_until_idle(self) -> None:
         with self._changed:
@@ -216,3 +202,63 @@ class Executor:
                 self._urgent += by
                 self._idle_since_s = time.monotonic()
                 self._changed.notify_all()
+
+
+class Check(Protocol):
+    """Tells how far a computation is, if it says what it does; raises ``CancelledError`` if unwanted."""
+
+    def __call__(self, share: float = 0.0, text: str = "", /) -> None:
+        """Tell, or raise."""
+
+
+class Background:
+    """What follows from something that changes: it is made on a lane, for the newest only, and once.
+
+    Its methods are for the page's own thread.
+
+    Parameters
+    ----------
+    executor, lane, doing
+        As for :meth:`Executor.compute`.
+    report : callable
+        Called when there is another ``progress``, with what is being done.
+    """
+
+    def __init__(
+        self, executor: Executor, lane: Lane, doing: str, report: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self._executor, self._lane, self._doing, self._report = executor, lane, doing, report
+        self._mark = object()
+        self.asked: Hashable = None  # what it was made for last, or is being made for
+        self.is_working = False
+        self.progress: Progress | None = None
+
+    def ask(self, key: Hashable, make: Callable[[Check], T], take: Callable[[T | str], None]) -> None:
+        """Make it for a key, unless that was asked for last; ``take`` gets it, or why it is not made."""
+        if key == self.asked:
+            return
+        self.forget()
+        self.asked, self.is_working, mark = key, True, self._mark
+
+        def check(share: float = 0.0, text: str = "", /) -> None:
+            if self._mark is not mark or self._executor.has_ended:
+                raise CancelledError
+            if text:
+                self._executor.on_page(lambda: note(Progress(share=share, text=text)))
+
+        def note(progress: Progress) -> None:
+            if self._mark is mark and self.is_working:
+                self.progress = progress
+                self._report(progress.text)
+
+        def finish(made: T | str) -> None:
+            self.is_working, self.progress = False, None
+            take(made)
+
+        self._executor.compute(
+            self._lane, lambda: make(check), finish, self._doing, lambda: self._mark is mark
+        )
+
+    def forget(self) -> None:
+        """Cancel what is being made; the next key is a new one, whatever it is."""
+        self._mark, self.asked, self.is_working, self.progress = object(), None, False, None

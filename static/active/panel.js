@@ -27,7 +27,7 @@ export class ActivePanel extends PagePart {
           make(
             "li",
             make("strong", `View ${step.number}, ${degrees(step.angle_deg, 0)}`),
-            step.expected && make("span", `expected: ${step.expected}`),
+            step.why && make("span", `expected: ${step.why}`),
             make("span", `got: ${step.got}`),
           ),
         ),

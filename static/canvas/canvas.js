@@ -102,7 +102,7 @@ export class FlatCanvas {
     }
     this.beside.update(state, layerName);
     this.showMarks(state.picks);
-    const at = state.pick?.in_shape ? this.shownAt(state.pick.side, state.pick.uv_m) : null;
+    const at = state.pick?.uv_m ? this.shownAt(state.pick.side, state.pick.uv_m) : null;
     this.pick = state.pick && at && { ...state.pick, uv_m: at };
     this.redraw();
   }
@@ -126,18 +126,22 @@ export class FlatCanvas {
   }
 
   /**
-   * Show a frame of a camera, or a step of the offline page, where it lies on its plane; the zoom stays while it holds it.
-   * @param {Shown | null} shown @param {UV | null} pickUv
+   * Show a view of the offline page (or none) where it lies on its plane.
+   * @param {Shown | null} shown
    */
-  showFrame(shown, pickUv) {
+  showFrame(shown) {
     this.layer.shown = shown;
-    this.pick = pickUv ? { uv_m: pickUv } : null;
-    if (!shown || (this.extent && contains(this.extent, shown.box))) return;
-    this.extent = grown(shown.box, SLACK_M);
+    this.pick = null;
+    if (shown) this.hold(shown.box);
+  }
+
+  /** Let the zoom stay while it holds what is shown: a frame of a camera, a step of the offline page. */
+  hold(/** @type {Box} */ box) {
+    if (this.extent && contains(this.extent, box)) return;
+    this.extent = grown(box, SLACK_M);
     this.refit();
   }
 
-  /** With a camera: the picks that lie on the frame; none while frames pass by faster than the picks are sent. */
   showMarks(/** @type {{ id: number | null; uv_m: UV | null; side?: SideName }[]} */ picks) {
     this.marks = picks.flatMap(({ id, uv_m, side }) => {
       const at = uv_m && this.shownAt(side ?? "this", uv_m);
@@ -192,12 +196,16 @@ export class FlatCanvas {
     this.draw(); // at once: a new size has cleared the canvas
   }
 
+  /** Places that all that is drawn lies between. @returns {UV[]} */
+  get rims() {
+    const cloth = [...this.layer.rim, ...this.overlay.rim, ...this.beside.rim];
+    return cloth.length ? [...cloth, ...this.around.flatMap((of) => of())] : [];
+  }
+
   /** Show all of it; beside the legend where the cloth would lie under that. */
   fit() {
     this.fitted = true;
-    const cloth = [...this.layer.rim, ...this.overlay.rim, ...this.beside.rim];
-    const beyond = cloth.length ? this.around.flatMap((of) => of()) : [];
-    const places = this.extent ? cornersOf(this.extent) : [...cloth, ...beyond];
+    const places = this.extent ? cornersOf(this.extent) : this.rims;
     if (places.length && this.width) {
       const legend = byId("legend");
       const free = this.width - (legend.hidden ? 0 : legend.offsetWidth + LEGEND_GAP_PX);

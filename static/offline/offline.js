@@ -240,7 +240,7 @@ export class OfflinePage extends Page {
     }
     const canvas = new OffscreenCanvas(grid.cols, grid.rows);
     contextOf(canvas).putImageData(image, 0, 0);
-    this.flat.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas }, null);
+    this.flat.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas });
     this.cloud.tint = this.tint ? 0.5 : 0;
     if (this.flat.side === "this") this.cloud.colors = colors;
     this.marks();

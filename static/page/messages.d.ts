@@ -155,6 +155,12 @@ export interface Play {
   playing: boolean;
 }
 
+/** The frame of a camera is drawn: the next one may come. */
+export interface Drawn {
+  type: "drawn";
+  revision: number;
+}
+
 /** Guided capture: begin, keep, repeat, turned, aim (at ``angle_deg``) or finish. */
 export interface Capture {
   type: "capture";
@@ -278,6 +284,7 @@ export type ClientMessage =
   | Set
   | Look
   | Play
+  | Drawn
   | Capture
   | Aim
   | StrokeImage
@@ -427,21 +434,19 @@ export interface Rigid2 {
   v_m: number;
 }
 
-/** All numbers of the current pick; its pixel and its place are those of its ``side`` of the item. */
+/** All numbers of the current pick. */
 export interface PickInfo {
   id: number;
   name: string;
   side: "other" | "this";
-  rc: [number, number];
-  uv_m: [number, number];
-  in_shape: boolean;
+  view_index: number;
   position_held_m: [number, number, number];
+  uv_m: [number, number] | null;
+  kept: boolean;
   position_camera_m: [number, number, number];
   normal_held: [number | null, number | null, number | null];
   normal_camera: [number | null, number | null, number | null];
   angle_deg: number;
-  z_angle_deg: number | null;
-  view_index: number;
   source_rc: [number | null, number | null];
   miss_m: number;
   grip: GripInfo | null;
@@ -676,7 +681,7 @@ export interface OtherSideInfo {
   reliable_share: number | null;
 }
 
-/** The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed. */
+/** The status of the camera and of a guided capture. */
 export interface CaptureStatus {
   camera: string;
   camera_fps: number;
@@ -685,7 +690,6 @@ export interface CaptureStatus {
   warnings: string[];
   folder: string;
   phase: string;
-  why_not: Record<string, string | null>;
   step_deg: number;
   hold_s: number;
   frames: number;
@@ -723,15 +727,7 @@ export interface ActiveStatus {
   turning: boolean;
   turns_itself: boolean;
   is_simulated: boolean;
-  steps: ActiveStep[];
-}
-
-/** A view that an active loop took: what was expected of it, and what it brought. */
-export interface ActiveStep {
-  number: number;
-  angle_deg: number;
-  expected: string;
-  got: string;
+  steps: Record<string, any>[];
 }
 
 /** The values under the pointer, of the shape and of the proposal, and the place in a source image. */
@@ -835,14 +831,6 @@ export interface StrokeAdvice {
 /** Another recording was opened; the tab connects again. */
 export interface Switched {
   type: "switched";
-}
-
-/** A frame of a camera; its picture follows in the same answer, unless ``grid`` is None. */
-export interface FrameInfo {
-  sequence: number;
-  reason: string;
-  grid: Grid | null;
-  pick_uv_m: [number, number] | null;
 }
 
 /** The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed. */

@@ -54,7 +54,6 @@ declare global {
   type DoubtsInfo = M.DoubtsInfo;
   type ItemBox = M.ItemBox;
   type PixelValues = M.PixelValues;
-  type FrameInfo = M.FrameInfo;
   type Send = (message: ClientMessage) => boolean;
   type Notify = (level: Note["level"], text: string) => void;
   /** A row of a list of values: name, text, tooltip; false leaves it out. */

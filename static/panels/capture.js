@@ -1,10 +1,6 @@
-// A camera's page: its frames as they come, what it sees wrong, and the guided capture: turn, hold still, keep or
-// repeat.
+// A camera's page: what it sees wrong, and the guided capture: turn, hold still, keep or repeat.
 
 import { PagePart } from "../page/page.js";
-import { boxOf } from "../canvas/geometry.js";
-import { ask } from "../page/connection.js";
-import { opened } from "../offline/parcel.js";
 import { buttonOf, byId, field, make, numberBox, rebuild, setText } from "../page/dom.js";
 import { count, degrees, number } from "../page/format.js";
 
@@ -12,7 +8,6 @@ import { count, degrees, number } from "../page/format.js";
 const ACTIONS = { capture_keep: "keep", capture_repeat: "repeat", capture_turned: "turned" };
 /** @type {Record<string, string[]>} */
 const BUTTONS = { turn: ["capture_turned"], review: ["capture_keep", "capture_repeat"] };
-const RETRY_MS = 1000; // without a connection
 
 export class CapturePanel extends PagePart {
   name = "capture";
@@ -22,18 +17,11 @@ export class CapturePanel extends PagePart {
     capture_pause: () => this.page.send({ type: "play", playing: !this.page.state.capture?.playing }),
   };
   status = /** @type {CaptureStatus | null} */ (null);
-  frame = /** @type {FrameInfo | null} */ (null); // what is shown
-  watching = false; // whether frames come
 
   constructor(/** @type {Page} */ page) {
     super(page);
     byId("capture-begin").addEventListener("click", () => this.send("begin"));
     byId("capture-finish").addEventListener("click", () => this.send("finish"));
-  }
-
-  /** The program may have started again, and count its frames anew. */
-  reconnected() {
-    this.frame = null;
   }
 
   /** Take a state of the page; without a camera there is nothing to show. */
@@ -52,33 +40,6 @@ export class CapturePanel extends PagePart {
     this.showView(status.view);
     this.showButtons(status);
     setText(byId("capture-kept"), kept(status));
-  }
-
-  /**
-   * Show frame after frame; the next one is made while this one is drawn.
-   * @param {(frame: FrameInfo, shown: Shown | null) => void} draw
-   */
-  async watch(draw) {
-    if (this.watching) return;
-    this.watching = true;
-    const next = (/** @type {number} */ after) => ask(`capture/frame/${after}`);
-    let answer = next(0);
-    for (;;) {
-      const response = await answer;
-      if (response?.status !== 200) {
-        if (response?.status !== 204) await new Promise((done) => setTimeout(done, RETRY_MS));
-        answer = next(this.frame?.sequence ?? 0);
-        continue;
-      }
-      const { values, pictures } = opened(new Uint8Array(await response.arrayBuffer()));
-      const frame = /** @type {FrameInfo} */ (values);
-      answer = next(frame.sequence);
-      const image = pictures.frame ? await createImageBitmap(pictures.frame).catch(() => null) : null;
-      await new Promise((drawn) => requestAnimationFrame(drawn));
-      const { grid } = frame;
-      this.frame = frame;
-      draw(frame, image && grid && { revision: frame.sequence, grid, box: boxOf(grid), image });
-    }
   }
 
   showWarnings(/** @type {CaptureStatus} */ status) {

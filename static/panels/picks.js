@@ -62,7 +62,7 @@ export class PicksPanel extends PagePart {
         ],
       ),
       pick.grip && this.grip(pick, pick.grip),
-      !pick.in_shape && make("p.note", "Its view is not part of the present shape."),
+      !pick.uv_m && make("p.note", "Its view is not part of the present shape."),
     ];
   }
 

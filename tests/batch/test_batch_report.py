@@ -19,7 +19,7 @@ from flatcloth.batch.report import command_of, decide, read_verdicts, reliabilit
 from flatcloth.batch.rows import FORMAT, write_row
 from flatcloth.cli import main
 from flatcloth.core.errors import JournalError
-from flatcloth.viewer.server.guard import Guard, own_names
+from flatcloth.viewer.server.guard import Endpoint, Guard
 from flatcloth.viewer.server.review import SessionPage, review_app
 
 GOOD = {"outcome": "done", "method": "robust", "source": "/data/x", "area_cm2": 900.0, "floating_cm2": 0.0}
@@ -178,7 +178,7 @@ def pages() -> Pages:
 
 @pytest.fixture
 def client(out: Path, pages: Pages) -> RouteClient:
-    return RouteClient(app=Guard(review_app(out, pages), own_names("127.0.0.1"), None, 80))
+    return RouteClient(app=Guard(review_app(out, pages), Endpoint(), None, 80))
 
 
 async def endless() -> AsyncIterator[bytes]:

@@ -44,7 +44,7 @@ def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(o
     click_at(tab, seam)
     tab.until("flatcloth.pick")
     assert tab.pick()["side"] == "other"
-    assert tab.pick()["in_shape"]
+    assert tab.pick()["uv_m"]
     assert tab.pick()["grip"] is not None
     tab.shoot("turned-over")
     # Among the doubts, seams are chosen on the flattened view; cutting one, by two keys, is a decision.

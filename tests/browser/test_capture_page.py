@@ -32,7 +32,7 @@ def tab(flat_chromium, camera: SceneCamera, tmp_path: Path, request: pytest.Fixt
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat")
     controller = functools.partial(CaptureApplication, integration, session, feed=feed, settings=settings)
-    with PageServer(Opened(integration, session, controller=controller), port=0) as server:
+    with PageServer(Opened(integration, session, controller=controller)) as server:
         page = flat_chromium.new_page(viewport={"width": 1280, "height": 720})
         tab = Tab(page, server.url, has_scene=False)
         yield tab
@@ -43,7 +43,7 @@ def tab(flat_chromium, camera: SceneCamera, tmp_path: Path, request: pytest.Fixt
 
 
 def test_views_are_captured_turn_by_turn(tab: Tab, camera: SceneCamera, tmp_path: Path) -> None:
-    tab.until("flatcloth.capture && flatcloth.frame !== null")
+    tab.until("flatcloth.capture && flatcloth.layerRevision > 0")
     page = tab.page
     assert page.locator("#capture-task").inner_text() == "Hang the item in sight, then begin."
     tab.shoot("capture-idle")

@@ -43,7 +43,7 @@ def a_piece_is_seen_beside_the_shape_told_and_picked(tab):
     tab.page.mouse.click(at["x"], at["y"])
     tab.until("flatcloth.state.picks.length === 1")
     pick = tab.pick()
-    assert pick["in_shape"]
+    assert pick["uv_m"]
     assert pick["miss_m"] == 0
     assert pick["position_held_m"][1] > 0.01  # on the lower half, below the band
     choose_the_piece(tab)

@@ -39,7 +39,7 @@ from flatcloth.garments.recognition import Recognition
 from flatcloth.recordings import open_recording
 from flatcloth.viewer.modes.active import ActiveApplication, PageLoop, active_routes
 from flatcloth.viewer.protocol.robot import Hello, Image, PointsChanged, PostedView, ShapeChanged
-from flatcloth.viewer.routes.robot import Told
+from flatcloth.viewer.routes.robot import Client
 from flatcloth.viewer.server.active import loop_events
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
@@ -116,7 +116,7 @@ def test_the_example_client_turns_until_the_end_and_what_becomes_known_is_pushed
 
 def test_poses_of_named_points_are_pushed_once_at_the_rotation_of_the_item(tmp_path: Path) -> None:
     cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", SHAPE)
-    events, told = loop_events(ActiveService(loop)), Told()
+    events, told = loop_events(ActiveService(loop)), Client()
     assert [type(event) for event in events(told)] == [Hello]
     loop.take(seen(cell, 0.0))
     loop.take(seen(cell, 50.0, 1))
@@ -295,7 +295,7 @@ def cell_page(tmp_path: Path):
     loop.take(eye(0.0, 0))
     controller = functools.partial(ActiveApplication, loop, eye=eye)
     opened = Opened(loop.integration, loop.session, controller=controller, close=loop.close)
-    with PageServer(opened, port=0) as server:
+    with PageServer(opened) as server:
         yield server
 
 

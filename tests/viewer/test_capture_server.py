@@ -1,6 +1,5 @@
 """The page of a camera, headless: what tabs are told, and what a turntable may say over HTTP."""
 
-import io
 import json
 import threading
 import time
@@ -13,10 +12,9 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from page_tabs import WAIT_S, Tab, get, get_frame, post
+from page_tabs import WAIT_S, Tab, get, post
 from scene_camera import SceneCamera, opened
 
-from flatcloth.core.parcel import unpack
 from flatcloth.engine import live
 from flatcloth.recordings import open_recording
 from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
@@ -41,7 +39,7 @@ def camera() -> SceneCamera:
 def server(camera: SceneCamera, tmp_path: Path) -> Iterator[PageServer]:
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
-    with PageServer(with_camera(integration, session, feed, settings), port=0) as running:
+    with PageServer(with_camera(integration, session, feed, settings)) as running:
         yield running
     session.close()
     assert camera.closed >= 1
@@ -172,7 +170,7 @@ def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
     camera.depth_scale_m = 0.0001  # the camera says so, and means a thousandth
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
-    with PageServer(with_camera(integration, session, feed, settings), port=0) as server:
+    with PageServer(with_camera(integration, session, feed, settings)) as server:
         robot = Robot(server)
         for n in range(6):
             camera.turn_to(15.0 * n)
@@ -183,44 +181,57 @@ def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
     session.close()
 
 
+def next_frame(tab: Tab, *, sees: str = "") -> dict[str, Any]:
+    """Say that the frame shown is drawn, and return the next one with cloth, or without for a reason."""
+    before = tab.state["layers"] and tab.state["layers"]["revision"]
+    if before:
+        tab.say(type="drawn", revision=before)
+    state = tab.state_where(
+        lambda s: sees in s["trouble"] if sees else s["layers"] and s["layers"]["revision"] != before
+    )
+    return state["layers"]
+
+
 def test_a_frame_without_cloth_says_why_and_an_unexpected_error_also_holds_it(
     server: PageServer, camera: SceneCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def next_reason(after: int) -> tuple[int, str]:
-        frame, _ = unpack(io.BytesIO(get(server, f"/capture/frame/{after}").content).read)
-        return frame["sequence"], frame["reason"]
+    with Tab(server) as tab:
+        tab.state_where(lambda s: s["layers"])
+        for breaks, told, plays in (
+            (lambda: setattr(camera, "empty", True), "sees no item", True),
+            (lambda: monkeypatch.setattr(live, "check_frame", lambda _: 1 / 0), "division by zero", False),
+        ):
+            breaks()
+            assert next_frame(tab, sees=told) is None
+            assert Robot(server).status()["playing"] is plays
+            camera.empty = False
+            assert next_frame(tab) if plays else True
 
-    first = get_frame(server)["sequence"]
-    assert get_frame(server)["sequence"] == first, "another tab gets the same"
-    for breaks, told, plays in (
-        (lambda: setattr(camera, "empty", True), "sees no item", True),
-        (lambda: monkeypatch.setattr(live, "check_frame", lambda _: 1 / 0), "division by zero", False),
-    ):
-        breaks()
-        for _ in range(100):
-            first, reason = next_reason(first)
-            if reason:
-                break
-        assert told in reason
-        assert Robot(server).status()["playing"] is plays
-        camera.empty = False
-        first = get_frame(server, first)["sequence"] if plays else first
+
+def test_a_frame_is_made_when_a_tab_has_drawn_the_one_before(server: PageServer) -> None:
+    with Tab(server) as tab:
+        first = tab.state_where(lambda s: s["layers"])["layers"]["revision"]
+        other_seconds = time.monotonic() + 1.0
+        while time.monotonic() < other_seconds:
+            assert tab.next()["layers"]["revision"] == first
+        assert next_frame(tab)["revision"] == first + 1
 
 
 def test_a_click_pauses_and_picks_on_the_frame_that_was_seen(server: PageServer) -> None:
     with Tab(server) as tab:
-        seen = get_frame(server)
-        later = get_frame(server, seen["sequence"])
-        grid = seen["grid"]
-        cloth = np.argwhere(seen["image"][..., 3] > 0)
+        seen = tab.state_where(lambda s: s["layers"])["layers"]
+        image = cv2.imdecode(
+            np.frombuffer(get(server, f"/layers/{seen['revision']}/color.png").content, np.uint8),
+            cv2.IMREAD_UNCHANGED,
+        )
+        later = next_frame(tab)
+        cloth = np.argwhere(image[..., 3] > 0)
         row, col = cloth[len(cloth) // 2]
-        u, v = np.array(grid["origin_uv_m"]) + np.array([col, row]) * grid["pixel_size_m"]
-        tab.say(type="pick", u_m=float(u), v_m=float(v), revision=seen["sequence"])
+        u, v = np.array(seen["origin_uv_m"]) + np.array([col, row]) * seen["pixel_size_m"]
+        tab.say(type="pick", u_m=float(u), v_m=float(v), revision=seen["revision"])
         state = tab.state_where(lambda s: s["pick"])
         assert not state["capture"]["playing"]
         np.testing.assert_allclose(state["pick"]["uv_m"], (u, v), atol=0.003)
-        held = get_frame(server, later["sequence"])
-        np.testing.assert_allclose(held["pick_uv_m"], (u, v), atol=0.003)
-        assert get(server, f"/capture/frame/{held['sequence']}").status_code == 204
+        assert state["layers"]["revision"] == seen["revision"] < later["revision"]
         tab.say(type="play", playing=True)
-        assert tab.state_where(lambda s: s["capture"]["playing"])
+        assert tab.state_where(lambda s: s["layers"]["revision"] > later["revision"])["capture"]["playing"]

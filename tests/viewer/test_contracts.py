@@ -156,7 +156,7 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
     ]),
     "picks are named, shown and deleted": ({}, [
         BEGUN,
-        ({"type": "pick", "u_m": 0.0, "v_m": 0.1}, {"pick.id": 1, "pick.in_shape": True, "pick.miss_m": 0}),
+        ({"type": "pick", "u_m": 0.0, "v_m": 0.1}, {"pick.id": 1, "picks.0.kept": False, "pick.miss_m": 0}),
         ({"type": "show_pick", "id": 1, "keep": True}, {"picks.0.kept": True}),
         ({"type": "pick", "u_m": 0.02, "v_m": 0.1}, {"pick.id": 2, "picks.1.kept": False}),
         ({"type": "pick", "u_m": 0.0, "v_m": 0.1}, {"pick.id": 2, "picks.-1.id": 2}),
@@ -482,14 +482,14 @@ def test_cancel_gives_the_work_up_stops_auto_and_the_late_answer_is_dropped(serv
 
 
 def test_a_program_that_was_killed_while_views_followed_goes_on_with_them(integration, folder) -> None:
-    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
+    with PageServer(Opened(integration, folder)) as server, Tab(server) as tab:
         for said, told in THREE:
             leads_to(tab, said, told)
     # The last is what resuming a journal does with work that nobody does any more.
     for step in (Reopen(1), Reject(1), Cancel()):
         folder.record(step)
     assert len(folder.state.document.later) == 2
-    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
+    with PageServer(Opened(integration, folder)) as server, Tab(server) as tab:
         leads_to(tab, None, {"phase": "ready", "n_later": 0, "views.1.state": "rejected",
                              "views.2.state": "accepted", "views.3.state": "accepted"})  # fmt: skip
     assert [type(command) for command in folder.recorded[-2:]] == [Followed, Followed]

@@ -105,7 +105,7 @@ def test_the_data_are_those_of_the_command_line_with_the_scores_of_decisions_by_
 def test_an_export_that_does_not_exist_or_cannot_be_is_one_line(written: Path) -> None:
     recording = open_recording(written.parent / "recording")
     integration, folder = Integration(recording, method="paper"), MemoryFolder(len(recording))
-    with PageServer(Opened(integration, folder), port=0) as running:  # type: ignore[arg-type]
+    with PageServer(Opened(integration, folder)) as running:  # type: ignore[arg-type]
         unknown = get(running, "/export/shirt.exe", timeout=120)
         assert unknown.status_code == 404
         assert "choose one of page.html" in unknown.text

@@ -135,7 +135,7 @@ def test_a_place_of_the_other_side_is_hovered_and_picked_there_with_its_pose(ser
         answer = tab.until(lambda m: m["type"] == "hover")
         np.testing.assert_allclose(answer["shape"]["xyz_mm"], 1e3 * both.view.xyz_m[row, col], atol=1e-3)
         assert (answer["shape"]["view_index"], answer["proposal"]) == (6, None)
-        told = {"pick.side": "other", "pick.in_shape": True, "pick.rc": [row, col], "picks.0.side": "other"}
+        told = {"pick.side": "other", "pick.uv_m": pytest.approx([u_m, v_m]), "picks.0.side": "other"}
         leads_to(tab, {"type": "pick", "u_m": u_m, "v_m": v_m, "sheet": "other"}, told)
         (grasp,) = get(server, "/robot/grasps").json()["grasps"]
         # A point in space is found on the side that has it.
@@ -148,9 +148,9 @@ def test_a_place_of_the_other_side_is_hovered_and_picked_there_with_its_pose(ser
 
 def test_a_pick_on_the_other_side_is_kept_while_that_is_not_known(integration, folder):
     folder.add_pick("behind", np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 6, (3.0, 4.0), "other")
-    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
+    with PageServer(Opened(integration, folder)) as server, Tab(server) as tab:
         assert tab.proposed()["picks"][0]["uv_m"] is None
-        leads_to(tab, {"type": "show_pick", "id": 1}, {"pick.in_shape": False, "pick.grip": None})
+        leads_to(tab, {"type": "show_pick", "id": 1}, {"pick.uv_m": None, "pick.grip": None})
 
 
 def test_what_floats_of_the_other_side_is_among_the_doubts_and_nothing_is_decided_about_it(server, both):

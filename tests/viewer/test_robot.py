@@ -237,7 +237,7 @@ def test_a_pick_on_a_floating_piece_has_its_pixel_there_and_the_piece_is_not_in_
         u_m, v_m = piece.uv_from_rc(np.array([row, col]))
         grasp = grasp_at(piece, (float(u_m), float(v_m)))
         folder.add_pick("upper", grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc)
-        with PageServer(Opened(integration, folder), port=0) as running:
+        with PageServer(Opened(integration, folder)) as running:
             while (answer := ask(running, "/robot/grasps")).status_code != 200:
                 pass
             (told,) = answer.json()["grasps"]

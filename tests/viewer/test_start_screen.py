@@ -76,7 +76,7 @@ def opener() -> FakeOpener:
 @pytest.fixture
 def empty(root: Path, opener: FakeOpener) -> Iterator[PageServer]:
     """A page on which nothing is open."""
-    with PageServer(port=0, places=Places(root), opener=opener) as running:
+    with PageServer(places=Places(root), opener=opener) as running:
         yield running
         opener.gate.set()
 
@@ -173,7 +173,7 @@ def test_a_folder_lists_what_can_be_opened_and_no_way_out(empty: PageServer) -> 
 
 
 def test_without_a_root_no_folder_is_offered(opener: FakeOpener, tmp_path: Path) -> None:
-    with PageServer(port=0, opener=opener) as server:
+    with PageServer(opener=opener) as server:
         assert "--root" in opened(server, "folder", str(tmp_path)).json()["error"]
     with pytest.raises(PlaceError, match="Name an existing folder"):
         Places(tmp_path / "nothing")

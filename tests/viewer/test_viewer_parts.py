@@ -29,7 +29,7 @@ from flatcloth.session.machine import (
     apply,
 )
 from flatcloth.viewer.protocol.actions import ACTIONS, action_table
-from flatcloth.viewer.protocol.picture import truth_of, values_at
+from flatcloth.viewer.protocol.picture import values_at, with_errors
 from flatcloth.viewer.routes.layers import layer_routes
 
 AXIS = CylinderRecording().rotation_axis
@@ -150,13 +150,12 @@ def image_of(answer):
 
 def test_a_recording_with_a_kit_shows_the_error_of_each_pixel():
     recording = open_recording("tshirt-kit")
-    truth, axis = truth_of(recording), recording.rotation_axis
-    view = truth.with_errors(flatten(recording, 0).view)
+    axis, view = recording.rotation_axis, with_errors(flatten(recording, 0).view, recording)
     assert np.nanmedian(view.error_m[view.valid]) < 0.003
     assert np.isfinite(view.error_m[view.valid]).mean() > 0.3
     assert legend(view, "truth", axis, ())["title"] == "Error by the kit (mm)"
     assert legend(VIEW, "truth", axis, ())["title"] == "No kit was recorded"
-    assert truth_of(open_recording("shirt-sleeve-clean")) is None
+    assert with_errors(VIEW, open_recording("shirt-sleeve-clean")) is VIEW
 
 
 def test_the_proposal_is_shown_in_the_colours_of_the_shape(client, shown):

@@ -22,7 +22,7 @@ def test_a_stroke_beside_the_image_is_no_decision() -> None:
     integration = Integration(
         Cylinder(angles_deg=(0.0, 20.0), masks=False), segmenter=lambda _views, _progress: None
     )
-    sides = SideController(cast("Any", SimpleNamespace(integration=integration)))
+    sides = SideController(cast("Any", SimpleNamespace(integration=integration, executor=None)))
     camera = integration.recording.intrinsics
     for points in (((-5.0, 3.0),), ((3.0, camera.width + 9.0),), ((camera.height + 1.0, 3.0),)):
         with pytest.raises(FlatclothError, match="outside the image of view 1"):

@@ -22,7 +22,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PageServer]:
     integration = Integration(Cylinder(angles_deg=ANGLES_DEG), method="paper")
     place = tmp_path_factory.mktemp("sources") / "s"
     folder = SessionFolder.open(place, integration.recording, integration.config, "paper")
-    with PageServer(Opened(integration, folder), port=0) as running:
+    with PageServer(Opened(integration, folder)) as running:
         yield running
     folder.close()
 

@@ -18,12 +18,12 @@ def test_what_nobody_waits_for_begins_when_all_else_is_done_and_what_waits_is_dr
 
     for lane in ("work", "garment", "ahead"):
         executor.put(lane, partial(job, lane))
-    assert executor.result_of("repair", lambda: list(order), WAIT_S) == []  # lanes go on beside one another
+    assert executor.put("repair", lambda: list(order)).result(WAIT_S) == []  # lanes go on beside one another
     gate.set()
-    assert executor.result_of("garment", lambda: list(order), WAIT_S)[2:] == ["garment"]
+    assert executor.put("garment", lambda: list(order)).result(WAIT_S)[2:] == ["garment"]
     told: list[str] = []
     executor.compute("work", lambda: str(1 / 0), told.append, "dividing")
-    executor.result_of("work", lambda: None, WAIT_S)
+    executor.put("work", lambda: None).result(WAIT_S)
     assert "while dividing: ZeroDivisionError" in told[0]
     gate.clear()
     executor.put("work", lambda: job("last"))

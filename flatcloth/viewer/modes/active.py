@@ -31,7 +31,8 @@ from flatcloth.viewer.modes.session import Answer, Application
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.robot import PostedView
-from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep, AutoInfo
+from flatcloth.viewer.protocol.sent import ActiveStatus, AutoInfo
+from flatcloth.viewer.worker import result_of
 
 if TYPE_CHECKING:
     from flatcloth.viewer.scene.scene import Scene
@@ -106,8 +107,7 @@ class ActiveApplication(Application):
 
     def take_view(self, view: SeenView, answers: int | None = None) -> Taken:
         """Take a view that a robot sends; it is decided on the page."""
-        taken: Taken = self.executor.result_of("work", lambda: self.loop.take(view, answers), ANSWER_S)
-        return taken
+        return result_of(self.executor.put("work", lambda: self.loop.take(view, answers)), ANSWER_S)
 
     # --- the application thread --------------------------------------------------------------
 
@@ -218,12 +218,7 @@ class ActiveApplication(Application):
             turning=self._is_turning,
             turns_itself=self._eye is not None,
             is_simulated=not isinstance(self._eye, CameraEye),
-            steps=tuple(
-                ActiveStep(
-                    number=line["number"], angle_deg=line["angle_deg"], expected=line["why"], got=line["got"]
-                )
-                for line in loop.steps()[-STEPS_SHOWN:]
-            ),
+            steps=tuple(loop.steps()[-STEPS_SHOWN:]),
         )
 
     # --- the thread of the computations ---------------------------------------------------------
@@ -297,7 +292,7 @@ def active_routes(
 
     def view(request: Request, posted: PostedView) -> dict[str, Any]:
         rotation_deg = http.rotation_of(request)
-        if not posted.has_images:
+        if posted.color is None and posted.depth is None and posted.K is None:
             return answered(service.look(posted.angle_deg, posted.number, rotation_deg))
         try:
             seen = posted.view()

@@ -1,8 +1,8 @@
 """The page of a camera: its live cloud and flattened view, and the guided capture.
 
-The camera's thread processes every frame; work that takes longer than a frame runs on a second thread. The
-page's thread and the web server's give commands, and flatten what the tabs ask for. One lock protects the
-state of the capture.
+The camera's thread processes every frame; work that takes longer than a frame runs on the lanes of the page.
+The newest frame is flattened, and sent as any picture, once a tab has drawn the one before: so a slow tab
+misses frames, and nothing is queued. One lock protects the state of the capture.
 
 A turntable or a robot announces the angles and reads the status over HTTP: ``GET /capture`` returns the
 status; ``POST /capture/angle`` with ``{"angle_deg": 20.0}`` announces the item's present angle, since view 0.
@@ -13,13 +13,11 @@ allowed now) or 503 (the camera has ended).
 
 from __future__ import annotations
 
-import logging
 import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -42,134 +40,25 @@ from flatcloth.checking.findings import Check
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Floats
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.live import LiveFlattening, LiveFrame, cloud_of
-from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
+from flatcloth.engine.live import LiveFlattening, cloud_of
 from flatcloth.recordings import open_recording
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import apply_table, color_table
-from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import http
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages, sent
 from flatcloth.viewer.protocol.actions import ONLY_A_CAMERA, Action, action_table
-from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import UV, parcel_of
+from flatcloth.viewer.protocol.picture import Picture, legends_of
 
 if TYPE_CHECKING:
     from flatcloth.viewer.scene.scene import Scene
 
-_log = logging.getLogger(__name__)
-
 FRAMES_KEPT = 8
 """Number of past frames that a click may refer to."""
 LONGEST_WAIT_S = 2.0
-"""Longest time that a tab waits for another frame than the held one; it then asks again. Chosen."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Shown:
-    """A shown frame. ``picture`` is None if it could not be flattened; ``reason`` gives the cause.
-
-    ``sequence`` changes with every new display, also when an older frame is shown again.
-    """
-
-    sequence: int
-    picture: Picture | None
-    reason: str = ""
-
-
-class LiveFrames:
-    """Shows a camera, or holds one of its frames; methods may be called from any thread.
-
-    A tab asks for the next frame when it has got one, so slow tabs miss frames, and nothing is queued.
-
-    Parameters
-    ----------
-    newest : callable
-        Flattens the newest frame; called by one thread at a time.
-    """
-
-    def __init__(self, newest: Callable[[], LiveFrame]) -> None:
-        self._newest = newest
-        self._changed, self._flattening = threading.Condition(), threading.Lock()
-        self._kept: deque[Shown] = deque(maxlen=FRAMES_KEPT)
-        self._sequence = self._holds = 0
-        self._stopped = False
-        self.playing = True
-
-    @property
-    def shown(self) -> Shown | None:
-        """The frame that was flattened last."""
-        return self._kept[-1] if self._kept else None
-
-    def stop(self) -> None:
-        """Let nobody wait any more."""
-        with self._changed:
-            self._stopped = True
-            self._changed.notify_all()
-
-    def play(self) -> None:
-        """Go on with the newest frame."""
-        with self._changed:
-            self.playing = True
-            self._changed.notify_all()
-
-    def hold(self, sequence: int | None = None) -> Shown | None:
-        """Pause at a recently shown frame, or at the last one, and return it."""
-        with self._changed:
-            self.playing = False
-            self._holds += 1
-            kept = [s for s in self._kept if s.sequence == sequence] or list(self._kept)[-1:]
-            if not kept:
-                return None
-            shown = kept[0]
-            if shown is not self._kept[-1]:
-                shown = self._keep(shown.picture, shown.reason)
-            self._changed.notify_all()
-            return shown
-
-    def after(self, sequence: int) -> Shown | None:
-        """Return a newer frame than one, flattened now if need be; None if one is held, or it takes long."""
-        with self._changed:
-            self._changed.wait_for(
-                lambda: self._stopped or self.playing or self._newer(sequence), LONGEST_WAIT_S
-            )
-        with self._flattening:  # another tab may have waited for the same frame
-            with self._changed:
-                found, holds = self._newer(sequence), self._holds
-                if found is not None or self._stopped or not self.playing:
-                    return found
-            picture, reason = self._flattened()
-            with self._changed:
-                if holds == self._holds:  # otherwise an earlier frame was picked in the meantime, and stays
-                    self._keep(picture, reason)
-                return self._newer(sequence)
-
-    def _newer(self, sequence: int) -> Shown | None:
-        return self.shown if self.shown is not None and self.shown.sequence > sequence else None
-
-    def _flattened(self) -> tuple[Picture | None, str]:
-        try:
-            frame = self._newest()
-        except FlatclothError as error:
-            return None, str(error)
-        except Exception as error:  # noqa: BLE001 - reported and logged
-            _log.exception("showing the camera failed")
-            self.playing = False
-            return None, f"Unexpected error while showing the camera: {error!r}. See the terminal."
-        picture = Picture(
-            revision=0, view=frame.view, present_view=0, angle_deg=0.0, cloud=frame.cloud, legends={}
-        )
-        return picture, ""
-
-    def _keep(self, picture: Picture | None, reason: str) -> Shown:
-        self._sequence += 1
-        if picture is not None:
-            picture = replace(picture, revision=self._sequence)
-        self._kept.append(Shown(sequence=self._sequence, picture=picture, reason=reason))
-        return self._kept[-1]
+"""If no tab says for so long that it has drawn a frame, the next one is shown all the same. Chosen."""
 
 
 LOOK_INTERVAL_S = 0.5
@@ -186,8 +75,12 @@ _OF_RECORDINGS = ("teach", "export", "source_image", "source_mask", "source_stat
 CHECKED_VIEWS = 6
 """Views on disk after which a capture is checked: fewer pairs are no evidence. Chosen."""
 
-_NOT_BEGUN = "No capture is running; start one first."
-
+_COMMANDS: dict[str, capture.Command] = {
+    "keep": capture.keep,
+    "repeat": capture.repeat,
+    "turned": capture.turned,
+    "finish": capture.finish,
+}
 _WANTED = 'Send {"angle_deg": 20.0}, and "keep": false if an operator decides.'
 _HEARD = ("begin", "keep", "repeat", "finish")
 """Actions that a program may post, besides an angle."""
@@ -236,7 +129,10 @@ class CaptureApplication(PageController):
     ) -> None:
         super().__init__(integration, folder, scene, tabs)
         self._feed, self._chosen = feed, settings
-        self._frames = LiveFrames(LiveFlattening(integration, feed).newest)
+        self._flattening = LiveFlattening(integration, feed)
+        self._frames: deque[Picture] = deque(maxlen=FRAMES_KEPT)
+        self._playing, self._trouble = True, ""  # why the newest frame is not shown
+        self._is_flattening, self._is_drawn, self._began_s = False, True, 0.0
         self._lock = threading.Lock()
         self._guided: GuidedCapture | None = None
         self._view_number = 0
@@ -265,7 +161,6 @@ class CaptureApplication(PageController):
     def stop(self) -> None:
         """Stop the camera and all threads; kept views are on disk."""
         self._feed.stop(timeout_s=5.0)
-        self._frames.stop()
         super().stop()
         with self._lock:
             if self._guided is not None:
@@ -287,7 +182,8 @@ class CaptureApplication(PageController):
                 changed = self._note_view() or _place(before) != _place(self._guided.state)
                 self._check_if_doubled(len(self._guided.state.kept_deg))
         self._put(None, self.publish if changed else self.report)
-        if not self._busy.is_set() and self._frames.playing:
+        self._put(None, self._show_newest)
+        if not self._busy.is_set() and self._playing:
             self._busy.set()
             self.executor.put("scene", lambda: self._look(frame, now_s))
 
@@ -301,11 +197,10 @@ class CaptureApplication(PageController):
         return (len(came_s) - 1) / span_s if span_s > 0 else 0.0
 
     def _on_end(self, text: str) -> None:
-        self._ended = text
-        self._frames.hold()
+        self._ended, self._playing = text, False
         self._put(None, lambda: self.tell(None, "error", text))
 
-    # --- the second thread -----------------------------------------------------------------------------
+    # --- the lanes -------------------------------------------------------------------------------------
 
     def _look(self, frame: CameraFrame, now_s: float) -> None:
         """Draw the cloud, and check the view from time to time."""
@@ -371,37 +266,46 @@ class CaptureApplication(PageController):
         return [
             http.get("/capture", lambda _: self.status()),
             http.get("/capture/view.png", view),
-            http.get("/capture/frame/{after:int}", self._frame, "application/octet-stream", gone=None),
             http.post("/capture/angle", _Announcement, announce, hint=_WANTED),
             Route("/capture/{action}", hear, methods=["POST"]),
         ]
 
-    def _frame(self, request: Request) -> bytes | None:
-        """Return the next frame for a tab; None if there is none yet."""
-        shown = self._frames.after(request.path_params["after"])
-        if shown is None:
-            return None
-        if shown.picture is not self.picture:
-            self.picture = shown.picture
-            self._put(None, self.report if self._frames.playing else self.publish)
-        picture = shown.picture
-        info = sent.FrameInfo(sequence=shown.sequence, reason=shown.reason)
-        if picture is not None:
-            grid, pick_uv_m = sent.Grid(**grid_of(picture.view)), self._pick_uv_m(picture)
-            info = structs.replace(info, grid=grid, pick_uv_m=pick_uv_m)
-        axis = self.integration.axis
-        frame = {} if picture is None else {"frame": layers.rgba(picture.view, "color", axis, 1)}
-        return parcel_of(info, frame).pack()
+    # --- frames ----------------------------------------------------------------------------------
 
-    def _pick_uv_m(self, picture: Picture) -> UV | None:
-        current = self._picks.current
-        if current is None or not picture.view.valid.any():
-            return None
-        rc, distance_m = pixel_of_point(picture.view, current.position_held_m)
-        if distance_m > LOST_AT_M:
-            return None
-        u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
-        return u_m, v_m
+    def _show_newest(self) -> None:
+        """Flatten the newest frame if the picture follows the camera, and a tab has drawn the one before."""
+        now_s = time.monotonic()
+        is_wanted = self._is_drawn or now_s - self._began_s > LONGEST_WAIT_S
+        if self._playing and is_wanted and not self._is_flattening:
+            self._is_flattening, self._is_drawn, self._began_s = True, False, now_s
+            self.executor.compute("frames", self._flattened_newest, self._flattened, "showing the camera")
+
+    def _flattened_newest(self) -> Picture | FlatclothError:
+        try:
+            frame = self._flattening.newest()
+        except FlatclothError as error:
+            return error  # the next frame may show more
+        return Picture(
+            revision=self._frames[-1].revision + 1 if self._frames else 1,
+            view=frame.view,
+            present_view=0,
+            angle_deg=0.0,
+            cloud=frame.cloud,
+            legends=legends_of(frame.view, self.integration),
+        )
+
+    def _flattened(self, made: Picture | FlatclothError | str) -> None:
+        self._is_flattening = False
+        if not self._playing:
+            return  # an earlier frame is held since
+        if isinstance(made, Picture):
+            self._frames.append(made)
+            self.picture, self._trouble = made, ""
+            self.publish()
+        else:
+            self.picture, self._trouble, self._is_drawn = None, str(made), True
+            self._playing = not isinstance(made, str)
+            self.report(self._trouble)
 
     # --- commands ------------------------------------------------------------------------------
 
@@ -411,11 +315,12 @@ class CaptureApplication(PageController):
                 self.act(action, angle_deg)
                 self.publish()
             case messages.Play(playing=playing):
-                if playing:
-                    self._frames.play()
-                else:
-                    self._frames.hold()
+                self._playing = self._is_drawn = playing
+                self._show_newest()
                 self.publish()
+            case messages.Drawn(revision=revision):
+                self._is_drawn |= self.picture is not None and self.picture.revision == revision
+                self._show_newest()
             case messages.PickAt(u_m=u, v_m=v, revision=revision):
                 self._picks.add(self._held(revision), u, v)
                 self.publish()
@@ -428,13 +333,13 @@ class CaptureApplication(PageController):
             self._held(picture.revision)
             self.publish()
 
-    def _held(self, sequence: int | None) -> Picture:
-        """Pause at the clicked frame, or at the last one, and return it."""
-        shown = self._frames.hold(sequence)
-        if shown is None or shown.picture is None:
+    def _held(self, revision: int | None) -> Picture:
+        """Hold the frame that was clicked, or the last one, and return it."""
+        self._playing = False
+        self.picture = next((each for each in self._frames if each.revision == revision), self.picture)
+        if self.picture is None:
             raise FlatclothError("This frame shows no cloth to pick; wait for the next one.")
-        self.picture = shown.picture
-        return shown.picture
+        return self.picture
 
     def act(self, action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> None:
         """Execute an action of the operator or of a program; may be called from any thread.
@@ -454,27 +359,25 @@ class CaptureApplication(PageController):
             If it is not allowed now, or fails; the message gives the reason.
         """
         angle = math.nan if angle_deg is None else angle_deg
-        commands: dict[str, capture.Command] = {
-            "repeat": capture.repeat,
-            "turned": capture.turned,
-            "finish": capture.finish,
-            "aim": lambda state: capture.aim(state, angle),
-            "announce": lambda state: capture.announce(state, angle, keeps_itself),
-        }
         with self._lock:
             if self._ended is not None and action != "finish":
                 raise CameraError(self._ended)
             if action == "begin" or (action == "announce" and self._guided is None):
                 self._begin_capture()
-            if action == "begin":
-                return
             guided = self._guided
             if guided is None:
-                raise IllegalDecisionError(_NOT_BEGUN)
-            if action == "keep":
-                guided.keep()
-            else:
-                guided.do(commands[action])
+                raise IllegalDecisionError("No capture is running; start one first.")
+            match action:
+                case "begin":
+                    return
+                case "keep":
+                    guided.keep()
+                case "aim":
+                    guided.do(lambda state: capture.aim(state, angle))
+                case "announce":
+                    guided.do(lambda state: capture.announce(state, angle, keeps_itself))
+                case _:
+                    guided.do(_COMMANDS[action])
             self._note_view()
             if guided.state.phase is Phase.DONE:
                 guided.close()
@@ -526,12 +429,11 @@ class CaptureApplication(PageController):
             return sent.CaptureStatus(
                 camera=self._feed.camera.name,
                 camera_fps=round(self._camera_fps, 1),
-                playing=self._frames.playing,
+                playing=self._playing,
                 ended=self._ended,
                 warnings=(*self._warnings, *self._doubts),
                 folder=str(self._chosen.folder),
                 phase=phase,
-                why_not={a: None if phase == when else why for a, (when, why) in _ALLOWED.items()},
                 step_deg=self._chosen.step_deg,
                 hold_s=HOLD_S,
                 frames=self._chosen.frames,
@@ -558,30 +460,28 @@ class CaptureApplication(PageController):
             "mode": "camera",
             "phase": "camera",
             "capture": status,
+            "trouble": self._trouble,
             "views": kept,
             "present_view": None,
             "angle_deg": None,
-            "actions": tuple(_allowed(action, status) for action in action_table(None)),
+            "actions": tuple(map(self._allowed, action_table(None))),
         }
+
+    def _allowed(self, action: Action) -> Action:
+        """Return an action with the reason why it is not allowed now."""
+        command = _COMMANDS.get(action.name.removeprefix("capture_"))
+        if command is None:
+            why = _NO_RECORDING if action.name in _OF_RECORDINGS else action.why_not
+            return structs.replace(action, why_not=why)
+        try:
+            command(Capture(step_deg=0.0) if self._guided is None else self._guided.state)
+        except IllegalDecisionError as error:
+            return structs.replace(action, why_not=str(error))
+        return structs.replace(action, why_not=None)
 
 
 def _place(state: Capture) -> tuple[Phase, int, float]:
     return state.phase, len(state.kept_deg), state.target_deg
-
-
-_ALLOWED = {
-    "capture_turned": ("turn", "No turn is expected now."),
-    "capture_keep": ("review", "There is no view to keep yet."),
-    "capture_repeat": ("review", "There is no view to repeat yet."),
-}
-"""For actions of the page's table: the phase in which they are allowed, and the reason otherwise."""
-
-
-def _allowed(action: Action, status: sent.CaptureStatus) -> Action:
-    """Return an action with the reason why a camera's page does not allow it now."""
-    if action.name in status.why_not:
-        return structs.replace(action, why_not=status.why_not[action.name])
-    return structs.replace(action, why_not=_NO_RECORDING if action.name in _OF_RECORDINGS else action.why_not)
 
 
 def _picture(view: TakenView) -> bytes:

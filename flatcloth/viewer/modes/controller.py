@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from starlette.routing import BaseRoute
+from starlette.requests import Request
+from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.geometry import Rigid3
@@ -27,6 +28,7 @@ from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
 from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.http import RefusedError, get
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages, sent
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
@@ -34,7 +36,7 @@ from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import Picture, described, layers_of
 from flatcloth.viewer.protocol.sent import UV, AutoInfo
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore
-from flatcloth.viewer.worker import Executor, Worker
+from flatcloth.viewer.worker import Background, Executor, Worker, result_of
 
 if TYPE_CHECKING:  # viser is loaded with the first source, and not at all for a robot without a page
     from flatcloth.viewer.scene.scene import Scene
@@ -80,7 +82,7 @@ class PageController(ABC):
         self.lesson: sent.Progress | None = None  # how far one is that is being made
         self.base_from_camera: Rigid3 | None = None  # with it, poses are also in the frame of the robot
         self._note_ids = itertools.count(1)
-        self._newest: dict[tuple[int, type[messages.Said]], int] = {}  # the last question of each tab
+        self._questions: dict[tuple[int, type[messages.Said]], Background] = {}  # the last one of each tab
         self._revision, self._published_at_s, self._reported = 0, 0.0, ""
         self.last_state: sent.PageState | None = None  # what was sent last
         self._front = Worker("flatcloth-session")
@@ -107,6 +109,17 @@ class PageController(ABC):
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this mode."""
         return []
+
+    def of_view(self, path: str, make: Callable[[Request, int], Any], **options: Any) -> Route:
+        """Return a route (:func:`flatcloth.viewer.http.get`) of each ``{view}`` of the recording."""
+
+        def made(request: Request) -> Any:
+            view = int(request.path_params["view"])
+            if view >= len(self.integration.recording):
+                raise RefusedError(f"View {view} does not exist.", 404)
+            return make(request, view)
+
+        return get(path, made, **options)
 
     @abstractmethod
     def start(self) -> None:
@@ -196,7 +209,7 @@ class PageController(ABC):
         """
         if self.is_swamped:
             raise FlatclothError("The page has too much to do; ask again in a moment.")
-        return self._front.result_of(job, ANSWER_S)
+        return result_of(self._front.put(job), ANSWER_S)
 
     # --- the page's own thread ---------------------------------------------------------------
 
@@ -309,15 +322,15 @@ class PageController(ABC):
 
         A drag asks faster than can be computed: it has a lane of its own, so that nothing else waits for it.
         """
-        kind, number = (client, type(asked)), asked.id
-        self._newest[kind] = number
 
         def take(made: sent.ServerMessage | str) -> None:
             answer = refuse(made) if isinstance(made, str) else made
             if answer is not None:
                 self.tabs.tell(client, answer)
 
-        self.executor.compute("repair", make, take, "looking ahead", lambda: self._newest[kind] == number)
+        kind = client, type(asked)
+        newest = self._questions.setdefault(kind, Background(self.executor, "repair", "looking ahead"))
+        newest.ask(asked.id, lambda _: make(), take)
 
     @abstractmethod
     def _take(self, client: int, message: messages.Message) -> None:

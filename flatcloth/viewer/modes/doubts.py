@@ -184,8 +184,8 @@ class DoubtService:
             probability=sure,
             weak=joint.share * (1.0 - sure) > NEGLIGIBLE,
             outline_uv_m=outline,
-            pivot_uv_m=_uv(pivot),
-            arm_uv_m=_uv(arm),
+            pivot_uv_m=pivot.tolist(),
+            arm_uv_m=arm.tolist(),
             ends_uv_m=np.round(joint.ends_uv_m[some], 4).tolist(),
             length_m=np.round(joint.length_m[some], 4).tolist(),
             this_uv_m=np.round(joint.seam_uv_m[some], 4).tolist(),
@@ -240,8 +240,8 @@ class DoubtService:
             note=piece.reason,
             area_cm2=1e4 * view.area_m2,
             outline_uv_m=outline,
-            pivot_uv_m=_uv(pivot),
-            arm_uv_m=_uv(arm),
+            pivot_uv_m=pivot.tolist(),
+            arm_uv_m=arm.tolist(),
             part_xyz_m=_points(view.xyz_m[view.valid]),
             views=[self._held(v, 0, None, np.zeros((0, 3))) for v in piece.views],
             choices=[],
@@ -334,10 +334,6 @@ def _handles(pivot: Float64, outline: list[list[UV]]) -> tuple[Float64, Float64]
     """Return the point that cloth turns about, and the vector from there to its farthest border."""
     ways = np.array([*(uv for loop in outline for uv in loop), pivot.tolist()]) - pivot
     return pivot, ways[np.argmax(np.linalg.norm(ways, axis=1))]
-
-
-def _uv(place: Float64) -> UV:
-    return round(float(place[0]), 5), round(float(place[1]), 5)
 
 
 def _places(uv_m: Float64) -> list[UV]:

@@ -7,9 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from msgspec import structs
 
-from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import LaidPiece, Rigid2
 from flatcloth.engine.garment import GarmentService, KnownGarment, points_on_other_side
 from flatcloth.engine.result import uncertainty
@@ -19,16 +18,14 @@ from flatcloth.garments.deciding import decided, held_point, pulls_of, with_plac
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.recognition import NONE
-from flatcloth.methods.answers import JoinedSides
-from flatcloth.rendering import layers
 from flatcloth.session.document import Document
 from flatcloth.session.garment import GarmentCommand, ReleasePoints, SetKind
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages, sent
-from flatcloth.viewer.protocol.picture import OtherSheet, Picture, layers_of, truth_of
+from flatcloth.viewer.protocol.picture import OtherSheet, Picture, layers_of, legends_of, with_errors
 from flatcloth.viewer.protocol.sent import FoundGarment, GarmentInfo, GarmentPreview, typed
-from flatcloth.viewer.worker import one_at_a_time
+from flatcloth.viewer.worker import Background, Check, one_at_a_time
 
 NOT_YET = "The garment is recognised once two views are integrated."
 
@@ -41,10 +38,10 @@ class GarmentController:
         self._revision, self._text = 0, NOT_YET
         self._known: KnownGarment | None = None
         self._found: FoundGarment | None = None  # the same for the page
-        # What a garment depends on: of the shown shape, of that to be recognised, and of the known one.
+        # What a garment depends on: of the shown shape, and of the known one.
         self._shown: Hashable = None
-        self._asked: Hashable = None
-        self._answered: Hashable = None
+        self._known_of: Hashable = None
+        self._work = Background(page.executor, "garment", "recognising the garment")
         self._doubt = 0.0
 
     # --- recognition --------------------------------------------------------------------------------
@@ -54,24 +51,23 @@ class GarmentController:
         if document is None or len(document.used_views) < 2:
             if self._known is not None or self._is_working:
                 self._know(None, NOT_YET)
-            self._asked = self._answered = self._shown = None
+            self.forget()
+            self._shown = None
             return
         # A garment is the same, and as sure: by shape, decisions, and whether views are left.
         key = self._shown = document.shape_key, document.garment, document.finished is None
-        if busy or key == self._asked:
-            return
-        self._asked = key
-        self._page.executor.compute(
-            "garment",
-            lambda: _with_found(self._page.garments.of(document)),
-            self._take,
-            "recognising the garment",
-            lambda: self._asked is key,
-        )
+
+        def recognise(_check: Check) -> tuple[KnownGarment, FoundGarment]:
+            known = self._page.garments.of(document)
+            return known, typed(summary(known), FoundGarment)
+
+        if not busy:
+            self._work.ask(key, recognise, self._take)
 
     def forget(self) -> None:
         """Recognise the garment of the same shape again at the next :meth:`follow`: more is known of it."""
-        self._asked = None
+        self._work.forget()
+        self._known_of = None
 
     @property
     def current(self) -> KnownGarment | None:
@@ -81,13 +77,11 @@ class GarmentController:
     @property
     def _is_working(self) -> bool:
         """Whether a recognition runs, or the known garment belongs to another shape."""
-        if self._answered is not self._asked:
-            return True
-        return self._known is not None and self._answered != self._shown
+        return self._work.is_working or (self._known is not None and self._known_of != self._shown)
 
     def _take(self, made: tuple[KnownGarment, FoundGarment] | str) -> None:
         """Know a garment; deviations depend on it, and floating pieces keep clear of its outline."""
-        self._answered = self._asked
+        self._known_of = self._work.asked
         self._know(*((None, made) if isinstance(made, str) else (made, "")))
         doubt = 0.0 if self._known is None else self._known.doubt
         sheet = None if self._page.picture is None else self._page.picture.sheet
@@ -186,11 +180,6 @@ class GarmentController:
         )
 
 
-def _with_found(known: KnownGarment) -> tuple[KnownGarment, FoundGarment]:
-    """Return a garment, and its data for the page."""
-    return known, typed(summary(known), FoundGarment)
-
-
 NOT_ASKED = "The other side is not computed yet."
 
 
@@ -202,10 +191,8 @@ class OtherSideController:
 
     def __init__(self, page: PageController, both: GarmentService, on_made: Callable[[], None]) -> None:
         self._page, self.both, self._on_made = page, both, on_made
-        self._asked: tuple[Hashable, ...] | None = None
-        self._revision = 0
-        self.is_working, self._text = False, NOT_ASKED  # why nothing is made
-        self._progress: sent.Progress | None = None
+        self._work = Background(page.executor, "other side", "computing the other side", page.report)
+        self._revision, self._text = 0, NOT_ASKED  # why nothing is made
         self.is_wanted = False
         self.made: OtherSheet | None = None
 
@@ -214,9 +201,10 @@ class OtherSideController:
         """Whether the method integrates both sides."""
         return self.both.integration.algorithm.joins_sides
 
-    def stop(self) -> None:
-        """Cancel what is computed."""
-        self._asked = None
+    @property
+    def is_working(self) -> bool:
+        """Whether it is being computed."""
+        return self._work.is_working
 
     def follow(self, picture: Picture | None, *, busy: bool) -> None:
         """Compute the other side of the shape of a picture, once it is wanted.
@@ -226,23 +214,15 @@ class OtherSideController:
         document = None if picture is None else picture.document
         if document is None:
             if self.made is not None or self.is_working:
-                self.made, self.is_working, self._text = None, False, NOT_ASKED
-            self._asked = None
+                self.made, self._text = None, NOT_ASKED
+            self._work.forget()
             return
         if not self.available or not (self.is_wanted or document.garment.seams):
             return
         key = self._key(document)
-        if busy or key == self._asked:
-            return
-        self._asked, self._progress = key, None
-        self.is_working, self._text = True, ""
-        self._page.executor.compute(
-            "other side",
-            lambda: self._work(key, document),
-            self._take,
-            "computing the other side",
-            lambda: self._asked is key,
-        )
+        if not busy and key != self._work.asked:
+            self._text = ""
+            self._work.ask(key, lambda check: self._joined(key, document, check), self._take)
 
     def laid(self, document: Document) -> tuple[LaidPiece, ...]:
         """Return the floating pieces of a document's shape that seams join to it; from any thread."""
@@ -256,41 +236,19 @@ class OtherSideController:
 
     # --- the worker -----------------------------------------------------------------------------
 
-    def _work(self, key: tuple[Hashable, ...], document: Document) -> OtherSheet | str:
-        def check() -> None:
-            if self._asked is not key:
-                raise CancelledError  # the shape has changed since, or another recording was opened
-
-        def report(share: float, text: str) -> None:
-            check()
-            self._page.executor.on_page(lambda: self._progressed(sent.Progress(share=share, text=text)))
-
-        with one_at_a_time(check):
-            sides = self.both.joined(document, report, check=check)
-            return sides if isinstance(sides, str) else self._laid_out(key, sides)
-
-    def _laid_out(self, key: Hashable, sides: JoinedSides) -> OtherSheet:
+    def _joined(self, key: tuple[Hashable, ...], document: Document, check: Check) -> OtherSheet | str:
         integration = self.both.integration
-        sheet, truth = lay_out(sides.other), truth_of(integration.recording)
-        if truth is not None:
-            sheet = replace(sheet, view=truth.with_errors(sheet.view, sheet.piece))
-        found = layers.legends(sheet.view, integration.axis, integration.recording.angles_deg)
-        self._revision += 1
-        return OtherSheet(
-            revision=self._revision,
-            key=key,
-            sides=sides,
-            sheet=sheet,
-            legends=typed(found, dict[str, sent.Legend]),
-        )
-
-    def _progressed(self, progress: sent.Progress) -> None:
-        if self.is_working:
-            self._progress = progress
-            self._page.report(progress.text)
+        with one_at_a_time(check):
+            sides = self.both.joined(document, check, check=check)
+            if isinstance(sides, str):
+                return sides
+            sheet = lay_out(sides.other)
+            sheet = replace(sheet, view=with_errors(sheet.view, integration.recording, sheet.piece))
+            self._revision += 1
+            found = legends_of(sheet.view, integration)
+            return OtherSheet(revision=self._revision, key=key, sides=sides, sheet=sheet, legends=found)
 
     def _take(self, made: OtherSheet | str) -> None:
-        self.is_working, self._progress = False, None
         self.made, self._text = (None, made) if isinstance(made, str) else (made, "")
         self._on_made()
 
@@ -301,17 +259,17 @@ class OtherSideController:
         if not self.available:
             return None
         made = self.made
-        info = sent.OtherSideInfo(
+        computed: dict[str, Any] = {}
+        if made is not None:
+            computed = {
+                "layers": layers_of(made),
+                "is_related": made.sides.is_related,
+                "reliable_share": uncertainty(made.sides.other.view).get("firm_share"),
+            }
+        return sent.OtherSideInfo(
             revision=0 if made is None else made.revision,
             working=self.is_working,
-            progress=self._progress,
+            progress=self._work.progress,
             text=self._text,
-        )
-        if made is None:
-            return info
-        return structs.replace(
-            info,
-            layers=layers_of(made),
-            is_related=made.sides.is_related,
-            reliable_share=uncertainty(made.sides.other.view).get("firm_share"),
+            **computed,
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Float64, Rigid2, finite
+from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore, fit_pairs
 from flatcloth.engine.sheet import is_on_shape
@@ -134,21 +134,6 @@ def joins(integration: Integration, document: Document) -> bool:
     assert pending is not None
     made = integration.canonical(accept(document, None))
     return is_on_shape(integration.views, made, pending.view_index, pending.component)
-
-
-def placed(document: Document, overlay: Overlay | None) -> tuple[Pending, Overlay] | None:
-    """Return the proposal with its picture, None while there is none."""
-    pending = document.pending
-    if overlay is None or pending is None or overlay.view_index != pending.view_index:
-        return None
-    return pending, overlay
-
-
-def score_shown(picture: Picture | None, document: Document) -> float | None:
-    """Return the score of the present placement of the proposal, if that is shown."""
-    if picture is None or picture.overlay is None or picture.document is not document:
-        return None
-    return finite(picture.overlay.score.total)
 
 
 def meant(shown: tuple[Pending, Overlay] | None, asked: messages.Move) -> Rigid2:

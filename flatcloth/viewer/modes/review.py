@@ -31,9 +31,6 @@ from flatcloth.viewer.protocol.sent import DiagnosticsInfo, ResultInfo, ReviewIn
 
 _log = logging.getLogger(__name__)
 
-THUMBS_KEPT = 160
-"""Number of cached thumbnails. Chosen for memory."""
-
 
 class ReviewService:
     """Adds data of each decided view to the state of a page, and serves the result."""
@@ -45,14 +42,14 @@ class ReviewService:
         self._read: tuple[Accepted, ...] | None = None
         self._document: Document | None = None
         self._results: Cache[Result] = Cache(4)
-        self._thumbs: Cache[bytes] = Cache(THUMBS_KEPT)
         self._token = secrets.token_hex(4)
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this service."""
+        of_view = self._page.of_view
         return [
-            http.get("/review/{view:int}/color.jpg", self._color, "image/jpeg", kept=http.DAY),
-            http.get("/review/{view:int}/flat.webp", self._flat, "image/webp", kept=http.DAY),
+            of_view("/review/{view:int}/color.jpg", self._color, media_type="image/jpeg", kept=http.DAY),
+            of_view("/review/{view:int}/flat.webp", self._flat, media_type="image/webp", kept=http.DAY),
             http.get("/review/result.json", lambda _: self._result()),
         ]
 
@@ -127,32 +124,17 @@ class ReviewService:
 
     # --- from the web server's threads -------------------------------------------------------
 
-    def _color(self, request: Request) -> bytes:
+    def _color(self, _request: Request, view: int) -> bytes:
         integration = self._page.integration
+        frame = integration.views.frame(view)
+        return jpeg_thumbnail(frame.color, item_mask(frame, integration.axis, integration.config.surface))
 
-        def make(view: int) -> bytes:
-            frame = integration.views.frame(view)
-            where = item_mask(frame, integration.axis, integration.config.surface)
-            return jpeg_thumbnail(frame.color, where)
-
-        return self._thumb(request, "color", make)
-
-    def _flat(self, request: Request) -> bytes:
-        def make(view: int) -> bytes:
-            try:
-                flattened = self._page.integration.views.part(view, 0)
-            except FlatclothError:
-                return webp(picture_thumbnail(None))
-            return webp(picture_thumbnail(flattened))
-
-        return self._thumb(request, "flat", make)
-
-    def _thumb(self, request: Request, kind: str, make: Callable[[int], bytes]) -> bytes:
-        view = request.path_params["view"]
-        if view >= len(self._page.integration.recording):
-            raise http.RefusedError(f"View {view} does not exist.", 404)
-        key = kind, view, request.query_params.get("v", "")[:40]
-        return self._thumbs.get(key, lambda: make(view))
+    def _flat(self, _request: Request, view: int) -> bytes:
+        try:
+            flattened = self._page.integration.views.part(view, 0)
+        except FlatclothError:
+            flattened = None
+        return webp(picture_thumbnail(flattened))
 
     def _result(self) -> ResultInfo:
         picture = self._page.picture
@@ -175,7 +157,6 @@ _MOST_PAIRS = 400
 """Largest number of pairs that are sent. Chosen for speed."""
 PAIR_LIMIT_MM = 1000.0 * TWICE_M
 """If the points of a pair are farther apart on the plane, the cloth counts as present twice."""
-_GONE = "This proposal is no longer shown; a newer state follows."
 
 
 def diagnostics_routes(page: PageController) -> list[BaseRoute]:
@@ -196,7 +177,7 @@ def diagnostics_routes(page: PageController) -> list[BaseRoute]:
         shown = replace(found, correspondence=lines, pairs=None)
         return DiagnosticsInfo(reasons=shown, pairs=_pairs(found, picture))
 
-    return [http.get("/diagnostics/{revision:int}-{overlay:int}.json", info, gone=_GONE)]
+    return [http.get("/diagnostics/{revision:int}-{overlay:int}.json", info)]
 
 
 def _pairs(found: Reasons, picture: Picture) -> ShownPairs | None:

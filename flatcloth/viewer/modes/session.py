@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import structs
 from starlette.routing import BaseRoute
 
-from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import Floats
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Floats, finite
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
@@ -48,7 +48,7 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NO_CAMERA, command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture, of_session
 from flatcloth.viewer.protocol.sent import AutoInfo, NoteLevel, PreviewAnswer, Progress
-from flatcloth.viewer.worker import attempt
+from flatcloth.viewer.worker import Background, Check, attempt
 
 if TYPE_CHECKING:
     from flatcloth.viewer.scene.scene import Scene
@@ -59,15 +59,8 @@ UNDRAWN = "Undo (U) takes back what was done last; Restart chooses another start
 """What to do if the shape of a session cannot be drawn."""
 
 
-@dataclass(frozen=True)
-class Answer:
-    """The answer to the request of a state, and the picture of the session after it.
-
-    ``picture`` is None if another request follows.
-    """
-
-    event: Event
-    picture: Picture | None
+Answer = tuple[Event, Picture | None]
+"""The answer to the request of a state, and the picture of the session after it; None: a request follows."""
 
 
 class Application(PageController):
@@ -88,8 +81,14 @@ class Application(PageController):
         self._trouble = ""  # why the shape of the present document cannot be drawn
         self._going_on = False
         self._joins: tuple[Document, bool] | None = None
+        self._trying = Background(self.executor, "work", "trying the placement")
+        self._answering = Background(self.executor, "work", "computing", self.report)
+        self._drawing = Background(self.executor, "work", "drawing", self.report)
+        self._foreseeing = Background(self.executor, "ahead", "looking ahead")
+        self._ahead: Picture | None = None  # what follows if the proposal is accepted
+        # The last picture, even if it was never shown: what has not changed is taken from it.
+        self._made: Picture | None = None
         self.other = OtherSideController(self, self.garments, self._other_made)
-        self._work = SessionWork(self)
         self._review = ReviewService(self)
         self._sides = SideController(self)
         self._garment = GarmentController(self)
@@ -117,8 +116,6 @@ class Application(PageController):
 
     def stop(self) -> None:
         """Stop the running work and all threads; the journal keeps the session."""
-        self._put(None, self._work.cancel)
-        self.other.stop()
         super().stop()
         self._review.keep_summary()
 
@@ -194,7 +191,7 @@ class Application(PageController):
     def _decide(self, client: int, do: messages.Do) -> None:
         if do.action == "step" and self._trouble:
             raise FlatclothError(self._trouble)
-        before, score = self._state, proposal.score_shown(self.picture, self._state.document)
+        before, score = self._state, self._score_shown()
         command = command_of(do.action, before, do.view_index, do.reason, score)
         self._going_on = self.settings.now.advance and isinstance(command, Accept | Reject | Skip)
         self._by_hand(command)
@@ -208,7 +205,16 @@ class Application(PageController):
         return None if self.picture is None else self.picture.overlay
 
     def _placed(self) -> tuple[Pending, Overlay] | None:
-        return proposal.placed(self._state.document, self._overlay)
+        """Return the proposal with its picture, None while there is none."""
+        pending, overlay = self._state.document.pending, self._overlay
+        if pending is None or overlay is None or overlay.view_index != pending.view_index:
+            return None
+        return pending, overlay
+
+    def _score_shown(self) -> float | None:
+        """Return the score of the present placement of the proposal, if that is shown."""
+        is_shown = self.picture is not None and self.picture.document is self._state.document
+        return finite(self._overlay.score.total) if is_shown and self._overlay is not None else None
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
@@ -242,8 +248,13 @@ class Application(PageController):
 
     def draw_again(self) -> None:
         """Draw the shown document again: it is shown otherwise by what is known now."""
-        self._work.forget_picture()
+        self._forget_picture()
         self._settle()
+
+    def _forget_picture(self) -> None:
+        self._drawing.forget()
+        self._foreseeing.forget()
+        self._ahead = None
 
     def _by_hand(self, command: Command) -> None:
         # A decision by hand stops Auto, unless Auto waits for it.
@@ -264,8 +275,9 @@ class Application(PageController):
         self._go_on()
         document = self._state.document
         self._sides.follow(document)
-        self._work.follow(self._state)
-        self._follow_garment()
+        self._compute(self._state)
+        shown = None if self.picture is None else self.picture.document
+        self._garment.follow(shown, busy=self._auto.is_busy)
         # After Auto, both sides are known as after an unattended run.
         self.other.is_wanted |= self._state.phase is Phase.FINISHED and self._auto.running
         self.other.follow(self.picture, busy=self._auto.is_busy)
@@ -290,10 +302,9 @@ class Application(PageController):
         is_shown = picture is not None and picture.document is self._state.document
         is_asked = self._state.phase is Phase.DECIDING and self.settings.now.advance
         if pending is not None and is_shown and is_asked:
-            score = proposal.score_shown(picture, self._state.document)
-            accepted = apply(self._state, Accept(pending.view_index, score))
+            accepted = apply(self._state, Accept(pending.view_index, self._score_shown()))
             if accepted.phase is Phase.READY:
-                self._work.foresee(apply(accepted, Propose()))
+                self._foresee(apply(accepted, Propose()))
 
     def _auto_step(self) -> None:
         running, settings = self._auto, self.settings.now
@@ -303,43 +314,38 @@ class Application(PageController):
                 return
             case proposal.Wait(text):
                 self._auto = AutoInfo(running=True, waits_for=text)
-                self._follow_garment()
+                self._settle()
                 self.tell(None, "warning", text)
             case proposal.End():
                 self.other.is_wanted = True
                 self._end_auto("info", step.text, step.by_choice)
             case Accept(view_index=view):
-                self._do(Accept(view, proposal.score_shown(self.picture, self._state.document)))
+                self._do(Accept(view, self._score_shown()))
             case _:
                 self._do(step)
-
-    def _follow_garment(self) -> None:
-        shown = None if self.picture is None else self.picture.document
-        self._garment.follow(shown, busy=self._auto.is_busy)
 
     def _other_made(self) -> None:
         """Show the other side with the shape that it was joined to."""
         made, picture = self.other.made, self.picture
         if picture is not None and picture.sheet is not None:
             if made is not None and made.sides.laid:
-                self._work.forget_picture()  # seams lay its pieces
+                self._forget_picture()  # seams lay its pieces
             self.picture = replace(picture, other=made)
             self._show_in_scene()
         self._garment.forget()  # one outline fits the edges of both sides
         self._settle()
 
     def _end_auto(self, level: NoteLevel, text: str, ended: str = "") -> None:
-        self._auto = AutoInfo(ended=ended)
-        self._follow_garment()
-        self.other.follow(self.picture, busy=False)
+        self._auto, self._going_on = AutoInfo(ended=ended), False
+        self._settle()
         self.tell(None, level, text)
 
     def _fields(self) -> dict[str, Any]:
         angles_deg, document = self.integration.recording.angles_deg, self._state.document
         views = self._review.of_views(document)
-        own = of_session(self._state, self.picture, angles_deg, views, self._work.progress, self._trouble)
+        own = of_session(self._state, self.picture, angles_deg, views, self._progress, self._trouble)
         pending = own["pending"]
-        if pending is not None and self._joins is not None and self._joins[0] is document:
+        if pending is not None and self._joins is not None and self._joins[0] == document:
             pending = structs.replace(pending, joins=self._joins[1])
         return {
             **super()._fields(),
@@ -352,28 +358,64 @@ class Application(PageController):
             "doubts": self._doubts.follow(self.picture),
         }
 
-    # --- results of the worker ---------------------------------------------------------------
+    # --- what is computed -----------------------------------------------------------------------
+
+    @property
+    def _progress(self) -> Progress | None:
+        """How far what is shown next is, None while only its picture is drawn."""
+        if self._answering.is_working:
+            return self._answering.progress or Progress(share=0.0, text="Waiting")
+        return self._drawing.progress
+
+    def _compute(self, state: SessionState) -> None:
+        """Start the computation that a state needs, and cancel one that it no longer needs.
+
+        An answer comes with its picture; otherwise the document is drawn.
+        """
+        request, document = state.request, state.document
+        if request != self._answering.asked:
+            self._answering.forget()
+        if request is not None:
+            make, take = partial(self._answer, state, request), partial(self.answered_with, state)
+            self._answering.ask(request, make, take)
+        elif document.start_view is None or document is not self._drawing.asked:
+            self._drawing.forget()
+            if document.start_view is not None:
+                self._drawing.ask(document, partial(self._draw, document), self._drawn)
+
+    def _foresee(self, after: SessionState) -> None:
+        """Compute what follows in a likely state while the operator looks: then all of it is kept already."""
+        request = after.request
+
+        def take(made: Answer | str) -> None:
+            self._ahead = None if isinstance(made, str) else made[1]
+
+        if request is not None:
+            self._foreseeing.ask(after, partial(self._answer_and_picture, after, request), take)
 
     def answered_with(self, asked: SessionState, answer: Answer | str) -> None:
         """Take the answer to what a state asks, or why there is none."""
+        self._answering.forget()  # if it cannot be kept, it is asked for again
         if isinstance(answer, str):
+            _log.warning("%s", answer)
             self._auto = AutoInfo()
             self._do(Failed(asked.request.token if asked.request else 0))
             self.tell(None, "error", answer)
             return
-        before, event = self._state, answer.event
+        before, (event, picture) = self._state, answer
         self.folder.record(event)
-        # After a stroke in the meantime, this picture is outdated; a new one follows.
-        picture = self._work.answers(answer, self._state) if before is asked else None
         try:
-            if picture is not None:
-                self._take_picture(picture)
+            # After a stroke in the meantime, this picture is outdated; a new one follows.
+            if picture is not None and before is asked:
+                self._drawing.forget()
+                self._drawing.asked = self._state.document
+                self._take_picture(replace(picture, document=self._state.document))
         finally:
             self._settle()
         if isinstance(event, Followed) and not event.holds:
             self.tell(None, "warning", f"View {event.view_index} is asked again. {event.why}")
 
-    def drawn(self, picture: Picture | str) -> None:
+    def _drawn(self, picture: Picture | str) -> None:
         """Show the present picture, or why the shape cannot be drawn."""
         if isinstance(picture, str):
             self._undrawn(picture)
@@ -392,7 +434,6 @@ class Application(PageController):
             return
         self._trouble = f"{trouble} {UNDRAWN}"
         self._end_auto("error", self._trouble)
-        self.publish()
 
     def _take_picture(self, picture: Picture) -> None:
         # Until it is joined to this shape, the other side is shown as it was.
@@ -402,12 +443,10 @@ class Application(PageController):
         self._review.follow(picture)
         document = picture.document
         if document is not None and document.pending is not None and document.pending.moved:
-            self.executor.compute(
-                "work",
-                lambda: proposal.joins(self.integration, document),
+            self._trying.ask(
+                document,
+                lambda _: proposal.joins(self.integration, document),
                 lambda found: self._found_out(document, found),
-                "trying the placement",
-                lambda: self._state.document is document,  # otherwise it was moved on, or decided
             )
 
     def _found_out(self, document: Document, joins: bool | str) -> None:
@@ -416,165 +455,48 @@ class Application(PageController):
             self._joins = document, joins
             self.publish()
 
-
-class SessionWork:
-    """Computes the answers and the pictures of a session, one job at a time.
-
-    Its methods run on the page's own thread; results go to ``page.answered_with`` and ``page.drawn``.
-    """
-
-    def __init__(self, page: Application) -> None:
-        self._page = page
-        # The request that is being answered, and a mark of that job: a cancelled one is no longer this.
-        self._running: tuple[Request, object] | None = None
-        self._asked: Document | None = None
-        # The state if the proposal is accepted, and the picture of what follows then.
-        self._likely: SessionState | None = None
-        self._ahead: Picture | None = None
-        # The last picture, even if it was never shown: what has not changed is taken from it.
-        self._made: Picture | None = None
-        self.progress: Progress | None = None
-
-    def cancel(self) -> None:
-        """Cancel the running computation, if there is one."""
-        self._running = self.progress = None
-
-    def forget_picture(self) -> None:
-        """Draw the next picture again, even if its document is the same."""
-        self._asked = self._likely = self._ahead = None
-
-    def follow(self, state: SessionState) -> None:
-        """Start the computation that a state needs, and cancel one that it no longer needs.
-
-        An answer comes with its picture; otherwise the document is drawn.
-        """
-        request, document = state.request, state.document
-        if self._running is not None and self._running[0] != request:
-            self.cancel()
-        if request is not None:
-            if self._running is None:
-                self._answer(state, request)
-        elif document.start_view is None:
-            self._asked = None
-        elif self._asked is not document:
-            self._asked = document
-
-            def take(made: Picture | str) -> None:
-                self.progress = None if self._running is None else self.progress
-                self._page.drawn(made)
-
-            self._page.executor.compute(
-                "work",
-                lambda: self._draw(document),
-                take,
-                "drawing",
-                lambda: self._asked is document,  # otherwise a decision has changed it
-            )
-
-    def foresee(self, after: SessionState) -> None:
-        """Compute what follows in a likely state while the operator looks: then all of it is kept already."""
-        request = after.request
-        if request is None or self._likely == after:
-            return
-        self._likely = after
-
-        def check(_share: float = 0.0, _text: str = "") -> None:
-            if self._likely is not after:
-                raise CancelledError  # the proposal was moved, or decided otherwise
-
-        def take(made: Answer | str) -> None:
-            self._ahead = None if isinstance(made, str) else made.picture
-
-        self._page.executor.compute(
-            "ahead",
-            lambda: self._computed(after, request, check),
-            take,
-            "looking ahead",
-            lambda: self._likely is after,
-        )
-
-    def answers(self, answer: Answer, after: SessionState) -> Picture | None:
-        """Return the picture of an answer if it shows the present session."""
-        self._running = self.progress = None
-        if answer.picture is None:
-            return None
-        self._asked = after.document
-        return replace(answer.picture, document=after.document)
-
-    def _answer(self, state: SessionState, request: Request) -> None:
-        """Answer the request of a state, and draw the resulting session, in one job."""
-        running = self._running = request, object()
-        self.progress = Progress(share=0.0, text="Waiting")
-
-        def progress(share: float, text: str) -> None:
-            if self._running is not running:
-                raise CancelledError
-            self._report(share, text, lambda: self._running is running)
-
-        def make() -> Answer:
-            progress(0.0, "Starting")
-            wait_until_compiled(progress, first=request.kind == "start" and self._is_first(state.document))
-            made = self._computed(state, request, progress)
-            self._made = made.picture or self._made
-            return made
-
-        def take(made: Answer | str) -> None:
-            if isinstance(made, str):
-                _log.warning("%s", made)
-            self._page.answered_with(state, made)
-
-        self._page.executor.compute("work", make, take, "computing", lambda: self._running is running)
-
     # --- the threads of the computations ---------------------------------------------------------
 
-    def _report(self, share: float, text: str, is_wanted: Callable[[], bool]) -> None:
-        """Tell the tabs how far a computation is."""
+    def _answer(self, state: SessionState, request: Request, check: Check) -> Answer:
+        """Answer the request of a state, and draw the resulting session, in one job."""
+        check(0.0, "Starting")
+        wait_until_compiled(check, first=request.kind == "start" and self._is_first(state.document))
+        made = self._answer_and_picture(state, request, check)
+        self._made = made[1] or self._made
+        return made
 
-        def note() -> None:
-            if is_wanted():
-                self.progress = Progress(share=share, text=text)
-                self._page.report(text)
-
-        self._page.executor.on_page(note)
-
-    def _computed(
-        self, state: SessionState, request: Request, progress: Callable[[float, str], None]
-    ) -> Answer:
-        event = self._page.integration.answer(state.document, request, progress)
+    def _answer_and_picture(self, state: SessionState, request: Request, check: Check) -> Answer:
+        event = self.integration.answer(state.document, request, check)
         after = apply(state, event)
-        progress(1.0, "drawing")
-        picture = attempt(lambda: self._drawn(after.document), "drawing") if after.request is None else None
-        # What cannot be drawn is reported when it is drawn again.
-        return Answer(event, None if isinstance(picture, str) else picture)
+        if after.request is not None:
+            return event, None
+        check(1.0, "drawing")
+        picture = attempt(lambda: self._picture_of(after.document), "drawing")
+        return event, None if isinstance(picture, str) else picture  # why not is told when it is drawn again
 
-    def _draw(self, document: Document) -> Picture:
+    def _draw(self, document: Document, check: Check) -> Picture:
         wait_until_compiled(first=self._is_first(document))
         if self._made is None:
-            self._open(document)
-        self._made = self._drawn(document)
+            self._open(document, check)
+        self._made = self._picture_of(document)
         return self._made
 
-    def _open(self, document: Document) -> None:
+    def _open(self, document: Document, check: Check) -> None:
         """Prepare the views of a session that was decided before, and tell how far that is."""
-        integration, views = self._page.integration, sorted(document.used_views)
+        integration, views = self.integration, sorted(document.used_views)
         if len(views) < 2:
             return
-
-        def report(share: float, text: str) -> None:
-            self._report(share, text, lambda: self._asked is document)
-
-        integration.views.segment(document.strokes, report)
+        integration.views.segment(document.strokes, check)
         for n, view in enumerate(reversed(views), start=1):  # another thread may have begun with the first
-            report((n - 1) / (2 * len(views)), f"opening view {n} of {len(views)}")
+            check((n - 1) / (2 * len(views)), f"opening view {n} of {len(views)}")
             integration.algorithm.why_unusable(view)
-        report(0.5, f"joining {len(views)} views")
+        check(0.5, f"joining {len(views)} views")
 
     def _is_first(self, document: Document) -> bool:
         # To find the sides of a recording without masks takes more kernels.
-        return is_of_one_view(document) and not self._page.integration.views.finds_sides
+        return is_of_one_view(document) and not self.integration.views.finds_sides
 
-    def _drawn(self, document: Document) -> Picture:
-        page = self._page
-        laid, edge_m, ahead = page.other.laid(document), page.garments.edge_m, self._ahead
+    def _picture_of(self, document: Document) -> Picture:
+        laid, edge_m, ahead = self.other.laid(document), self.garments.edge_m, self._ahead
         before = ahead if ahead is not None and ahead.document == document else self._made
-        return make_picture(page.integration, document, before, laid, edge_m)
+        return make_picture(self.integration, document, before, laid, edge_m)

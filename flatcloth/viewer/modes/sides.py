@@ -13,7 +13,7 @@ from msgspec import structs
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
-from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import window_of
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke, why_off_image
 from flatcloth.core.types import Bool, Floats, Int64
@@ -32,11 +32,11 @@ from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picture import Picture, place_in_view
 from flatcloth.viewer.protocol.sent import ItemBox, SidesInfo, StrokeAdvice
+from flatcloth.viewer.worker import Background, Check
 
 _log = logging.getLogger(__name__)
 
 Point3 = tuple[float, float, float]
-_UNKNOWN = "The sides are not known yet."
 
 
 class SideController:
@@ -44,7 +44,7 @@ class SideController:
 
     def __init__(self, page: PageController) -> None:
         self._page = page
-        self._strokes: tuple[Decision, ...] | None = None
+        self._work = Background(page.executor, "sides", "finding the side of interest")
         self._found: Segmentation | None = None
         self._touched: Int64 = np.empty(0, dtype=np.int64)
         self._status = SidesInfo(
@@ -133,19 +133,15 @@ class SideController:
 
     def follow(self, document: Document) -> None:
         """Label the cloth by the strokes of a document; the first time this takes seconds."""
-        if not self.available or document.strokes == self._strokes:
-            return
-        strokes = self._strokes = document.strokes
+        strokes = document.strokes
 
-        def find() -> tuple[Segmentation, Int64]:
-            if strokes != self._strokes:
-                raise CancelledError  # another stroke came in the meantime
+        def find(_check: Check) -> tuple[Segmentation, Int64]:
             # The masks take longer and follow with the shape.
             found = self._page.integration.views.solver().solve(strokes)
             return found, under_strokes(found.observed, strokes)
 
-        take = partial(self._take, strokes)
-        self._page.executor.compute("sides", find, take, "finding the side of interest")
+        if self.available:
+            self._work.ask(strokes, find, partial(self._take, strokes))
 
     def _take(self, strokes: tuple[Decision, ...], made: tuple[Segmentation, Int64] | str) -> None:
         if isinstance(made, str):
@@ -204,19 +200,18 @@ class SideController:
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes: images of the labels of a view or of the shape."""
-
-        def of_view(path: str, make: Callable[[int, bool], Any], **options: str) -> BaseRoute:
-            def made(request: Request) -> Any:
-                return make(request.path_params["view"], request.query_params.get("layer") == "certainty")
-
-            return http.get(f"/sides/{{view:int}}{path}", made, gone=_UNKNOWN, **options)
-
+        of_view = self._page.of_view
         return [
-            http.get("/sides/shape.png", lambda _: self._shape_png(self._page.picture), gone=_UNKNOWN),
-            of_view(".png", self.view_png),
-            of_view("/box.json", self.item_box),
-            of_view("/small.png", self.small_png),
-            of_view("/color.jpg", self._small_color, media_type="image/jpeg", kept=http.DAY),
+            http.get("/sides/shape.png", lambda _: self._shape_png(self._page.picture)),
+            of_view("/sides/{view:int}.png", self._view_png),
+            of_view("/sides/{view:int}/box.json", self._item_box),
+            of_view("/sides/{view:int}/small.png", self._small_png),
+            of_view(
+                "/sides/{view:int}/color.jpg",
+                self._small_color,
+                media_type="image/jpeg",
+                kept=http.DAY,
+            ),
         ]
 
     def _labels(self, view: int) -> ViewSegmentation | None:
@@ -224,14 +219,14 @@ class SideController:
         found = self._found
         return None if found is None else found.view(view)
 
-    def small_png(self, view: int, certain: bool = False) -> bytes | None:
-        """Return a small picture of the labels of a view, as PNG; see :meth:`view_png`."""
+    def _small_png(self, request: Request, view: int) -> bytes | None:
+        """Return a small picture of the labels of a view, as PNG; see :meth:`_view_png`."""
         labels = self._labels(view)
         if labels is None:
             return None
-        shape = small_shape(*labels.side.shape)
-        strokes = self._under_strokes(view)
-        return png(small_side_rgba(labels.side, labels.certainty, shape, strokes, doubt=certain))
+        shape, strokes = small_shape(*labels.side.shape), self._under_strokes(view)
+        doubt = _is_of_certainty(request)
+        return png(small_side_rgba(labels.side, labels.certainty, shape, strokes, doubt=doubt))
 
     def _under_strokes(self, view: int) -> Bool | None:
         """Return the cloth (h, w) of a view that is under strokes, whatever view they were drawn on."""
@@ -239,7 +234,7 @@ class SideController:
         seen = None if found is None else found.observed.views.get(view)
         return None if seen is None else np.isin(seen.cluster, self._touched)
 
-    def _small_color(self, view: int, _certain: bool = False) -> bytes | None:
+    def _small_color(self, _request: Request, view: int) -> bytes | None:
         """Return the part of the image that the labels cover, as JPEG."""
         labels = self._labels(view)
         if labels is None:
@@ -248,34 +243,29 @@ class SideController:
         color = self._page.integration.recording[view].color[top : top + rows, left : left + cols]
         return jpeg_thumbnail(color)
 
-    def item_box(self, view: int, _certain: bool = False) -> ItemBox | None:
+    def _item_box(self, _request: Request, view: int) -> ItemBox:
         """Return the part of a view that shows the item, whichever of its sides; all of it if none does."""
         integration, labels = self._page.integration, self._labels(view)
-        if view >= len(integration.recording):
-            return None
         if labels is None:
             frame = integration.views.frame(view)
-            item, offset = item_mask(frame, integration.axis, integration.config.surface), (0, 0)
+            item, (top, left) = item_mask(frame, integration.axis, integration.config.surface), (0, 0)
         else:
-            item, offset = labels.side != NO_ITEM, labels.offset_rc
+            item, (top, left) = labels.side != NO_ITEM, labels.offset_rc
         rows, cols = window_of(item) or map(slice, (0, 0), item.shape)
-        (top, left), (height, width) = (
-            (rows.start, cols.start),
-            (rows.stop - rows.start, cols.stop - cols.start),
-        )
-        return ItemBox(top=top + offset[0], left=left + offset[1], height=height, width=width)
+        height, width = rows.stop - rows.start, cols.stop - cols.start
+        return ItemBox(top=top + rows.start, left=left + cols.start, height=height, width=width)
 
-    def view_png(self, view: int, certain: bool = False) -> bytes | None:
+    def _view_png(self, request: Request, view: int) -> bytes | None:
         """Return the labels of a view, or their certainty, as PNG; None if they are not known."""
         found, intrinsics = self._found, self._page.integration.recording.intrinsics
-        if found is None or view >= len(self._page.integration.recording):
+        if found is None:
             return None
         labels = found.view(view)
         shape = intrinsics.height, intrinsics.width
         if labels is None:
             return png(np.zeros((*shape, 4), dtype=np.uint8))
-        strokes = self._under_strokes(view)
-        return png(side_rgba(labels.side, labels.certainty, labels.offset_rc, shape, strokes, doubt=certain))
+        strokes, doubt = self._under_strokes(view), _is_of_certainty(request)
+        return png(side_rgba(labels.side, labels.certainty, labels.offset_rc, shape, strokes, doubt=doubt))
 
     def _shape_png(self, picture: Picture | None) -> bytes | None:
         found = self._found
@@ -292,6 +282,10 @@ class SideController:
             rc = np.clip(rc, 0, np.array(labels.certainty.shape) - 1)
             certainty[at] = labels.certainty[rc[:, 0], rc[:, 1]]
         return png(shape_rgba(certainty))
+
+
+def _is_of_certainty(request: Request) -> bool:
+    return request.query_params.get("layer") == "certainty"
 
 
 def on_cloth(

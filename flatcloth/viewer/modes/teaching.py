@@ -14,7 +14,7 @@ import numpy as np
 from starlette.requests import Request
 from starlette.responses import Response
 
-from flatcloth.checking.check import CheckLesson, check_lesson
+from flatcloth.checking.check import check_lesson
 from flatcloth.core.decoding import Finite, MisfitError, fitted
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import Progress, RotationAxis, Uint8
@@ -37,7 +37,7 @@ from flatcloth.rendering.pictures import grid_of
 from flatcloth.segmentation.explanation import Slice
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.session.document import Document, Side
-from flatcloth.viewer.http import GONE, RefusedError, made_for
+from flatcloth.viewer.http import RefusedError, made_for
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import sent
 from flatcloth.viewer.protocol.sent import parcel_of
@@ -223,11 +223,6 @@ def garment_parcel(known: KnownGarment | None, axis: RotationAxis, progress: Pro
     return parcel_of(values, arrays)
 
 
-def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
-    """Return the drawing data of a check: ``picture`` (H, W, 3) shows two views laid on each other."""
-    return parcel_of(lesson, {"laid": np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])})
-
-
 # --- the question ----------------------------------------------------------------------------------
 
 OF_ONE_VIEW = ("flattening", "planning", "alignment")
@@ -283,11 +278,9 @@ class TeachingRoutes:
             return self._lesson(part, asked, progress)
 
         try:
-            made = await made_for(request, page.executor, "teaching", make, "computing")
+            made = await made_for(request, page.executor, "lesson", make, "computing")
         finally:
             page.executor.on_page(lambda: page.tell_lesson(None))
-        if made is None:
-            return GONE
         return Response(made, media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
 
     def _lesson(self, part: str, asked: Asked, progress: Progress) -> bytes:
@@ -320,7 +313,8 @@ class TeachingRoutes:
                 parcel = garment_parcel(self._page.garments.last, axis, progress)
             case _:
                 checked = check_lesson(recording, integration.views.recorded, axis)
-                views = checked.first, checked.second
-                parcel = check_parcel(checked, mistaken(recording, views, _MISTAKES))
+                picture = mistaken(recording, (checked.first, checked.second), _MISTAKES)
+                opaque = np.full(picture.shape[:2], 255, np.uint8)
+                parcel = parcel_of(checked, {"laid": np.dstack([picture, opaque])})
         used = {"parameters": asdict(parameters), "defaults": asdict(teaching.defaults)}
         return parcel.pack({**used, "start_view": view, "angles_deg": list(recording.angles_deg)})

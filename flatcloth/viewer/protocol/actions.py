@@ -207,29 +207,24 @@ def command_of(
     """
     document = state.document
     pending = -1 if document.pending is None else document.pending.view_index
-    decided = pending if view_index is None else view_index
-    match name:
-        case "step" | "view":
-            # After a cancelled start there is no start view yet: the step is the start.
-            view = view_index if name == "view" else None
-            return Start(view) if document.start_view is None else Propose(view)
-        case "accept":
-            return Accept(decided, score)
-        case "skip":
-            return Skip(decided)
-        case "reopen":
-            return Reopen(-1 if view_index is None else view_index)
-        case "reject" | "reject_menu":
-            return Reject(decided, reason or DEFAULT_REASON)
-        case "undo":
-            return Undo()
-        case "redo":
-            return Redo()
-        case "cancel":
-            return Cancel()
-        case "restart":
-            return Restart(view_index)
-    raise KeyError(name)
+    view = pending if view_index is None else view_index
+    # After a cancelled start there is no start view yet: the step is the start.
+    begin = Start if document.start_view is None else Propose
+    reject = Reject(view, reason or DEFAULT_REASON)
+    commands: dict[str, Command] = {
+        "step": begin(),
+        "view": begin(view_index),
+        "accept": Accept(view, score),
+        "skip": Skip(view),
+        "reopen": Reopen(-1 if view_index is None else view_index),
+        "reject": reject,
+        "reject_menu": reject,
+        "undo": Undo(),
+        "redo": Redo(),
+        "cancel": Cancel(),
+        "restart": Restart(view_index),
+    }
+    return commands[name]
 
 
 def _why_not(action: Action, state: SessionState | None) -> str | None:

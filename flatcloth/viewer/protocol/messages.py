@@ -220,6 +220,12 @@ class Play(Said, tag="play", frozen=True, kw_only=True):
     playing: bool
 
 
+class Drawn(Said, tag="drawn", frozen=True, kw_only=True):
+    """The frame of a camera is drawn: the next one may come."""
+
+    revision: Count
+
+
 class Capture(Said, tag="capture", frozen=True, kw_only=True):
     """Guided capture: begin, keep, repeat, turned, aim (at ``angle_deg``) or finish."""
 

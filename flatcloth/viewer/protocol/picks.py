@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import camera_from_object, object_from_camera
-from flatcloth.core.types import FlattenedView, Floats, RotationAxis, finite
+from flatcloth.core.types import FlattenedView, Floats, RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import (
     LOST_AT_M,
@@ -37,17 +38,11 @@ PLACES_KEPT = 200
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """The position of a 3D point on a side of the item: pixel, plane coordinates, distance in space."""
+    """The position of a 3D point on a side of the item: plane coordinates, distance in space."""
 
-    rc: tuple[int, int]
     uv_m: tuple[float, float]
     distance_m: float
     side: SheetSide = "this"
-
-    @property
-    def in_shape(self) -> bool:
-        """Whether the present shape contains the point."""
-        return self.distance_m <= LOST_AT_M
 
 
 class PickStore:
@@ -159,48 +154,34 @@ class PickStore:
 
     def listed(self, picture: Picture | None) -> tuple[ListedPick, ...]:
         """Return the list for the page, with the place of each pick on the shape."""
-        found = []
-        for pick in self.picks:
-            place = None if picture is None else self._place_of(pick, picture)
-            x, y, z = map(float, pick.position_held_m)
-            found.append(
-                ListedPick(
-                    id=pick.id,
-                    name=pick.name,
-                    side=pick.side,
-                    view_index=pick.view_index,
-                    position_held_m=(x, y, z),
-                    uv_m=place.uv_m if place is not None and place.in_shape else None,
-                    kept=pick is not self._loose,
-                )
-            )
-        return tuple(found)
+        rows = [self._row(pick, picture) for pick in self.picks]
+        return typed(rows, tuple[ListedPick, ...])
+
+    def _row(self, pick: Pick, picture: Picture | None) -> dict[str, Any]:
+        place = None if picture is None else self._place_of(pick, picture)
+        return {
+            "id": pick.id,
+            "name": pick.name,
+            "side": pick.side,
+            "view_index": pick.view_index,
+            "position_held_m": pick.position_held_m,
+            "uv_m": None if place is None or place.distance_m > LOST_AT_M else place.uv_m,
+            "kept": pick is not self._loose,
+        }
 
     def current_info(self, picture: Picture | None) -> PickInfo | None:
         """Return the numbers of the current pick; None without one, or before the first picture."""
         pick = self.current
         if pick is None or picture is None:
             return None
-        place = self._place_of(pick, picture)
-        is_there = place is not None and place.in_shape
-        z_angle_deg = finite(picture.side(pick.side).z_angle_deg[place.rc]) if place and is_there else None
-        position, normal = pick.position_held_m, pick.normal_held
         from_object = camera_from_object(self._integration.axis, picture.angle_deg)
-        at_camera, normal_camera = from_object.apply_with_normal(position, normal)
+        position, normal = from_object.apply_with_normal(pick.position_held_m, pick.normal_held)
         values = {
-            "id": pick.id,
-            "name": pick.name,
-            "side": pick.side,
-            "rc": (0, 0) if place is None else place.rc,
-            "uv_m": (0.0, 0.0) if place is None else place.uv_m,
-            "in_shape": is_there,
-            "position_held_m": position,
-            "position_camera_m": at_camera,
-            "normal_held": [finite(x) for x in normal.tolist()],
-            "normal_camera": [finite(x) for x in normal_camera.tolist()],
+            **self._row(pick, picture),
+            "position_camera_m": position,
+            "normal_held": pick.normal_held,
+            "normal_camera": normal,
             "angle_deg": picture.angle_deg,
-            "z_angle_deg": z_angle_deg,
-            "view_index": pick.view_index,
             "source_rc": pick.source_rc,
             "miss_m": self._current[1],
             "grip": grip_numbers(self._pose_of(pick, picture)),
@@ -292,7 +273,7 @@ def place_on(picture: Picture, xyz_m: Floats) -> Place:
 def _place(view: FlattenedView, xyz_m: Floats, side: SheetSide) -> Place:
     rc, distance_m = pixel_of_point(view, xyz_m)
     u_m, v_m = view.uv_from_rc(np.array(rc)).tolist()
-    return Place(rc=rc, uv_m=(u_m, v_m), distance_m=distance_m, side=side)
+    return Place(uv_m=(u_m, v_m), distance_m=distance_m, side=side)
 
 
 def _shown(picture: Picture | None) -> Picture:

@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import height_m, z_angle_deg
-from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, LaidPiece, Rigid2, RotationAxis, finite
+from flatcloth.core.types import (
+    Bool,
+    FlattenedView,
+    Float64,
+    Floats,
+    Int16,
+    LaidPiece,
+    Rigid2,
+    RotationAxis,
+    finite,
+)
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import (
     Sheet,
@@ -29,12 +38,12 @@ from flatcloth.engine.sheet import (
 )
 from flatcloth.engine.views import ViewCloud
 from flatcloth.engine.warmup import is_compiling
+from flatcloth.export.page import pieces_of
 from flatcloth.grasping.visibility import Projection, Visibility, project
 from flatcloth.methods.answers import AlignmentScore, JoinedPiece, JoinedSides, Placement
 from flatcloth.methods.paper.merging import shows
 from flatcloth.recordings.base import Recording, fingerprint
-from flatcloth.rendering.colormaps import piece_color
-from flatcloth.rendering.layers import CONFLICT_M, DIFFERENCES, difference, difference_legend, hex_of, legends
+from flatcloth.rendering.layers import CONFLICT_M, DIFFERENCES, difference, difference_legend, legends
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.document import Document, Pending
 from flatcloth.session.journal import SheetSide
@@ -45,9 +54,6 @@ from flatcloth.viewer.protocol import sent
 from flatcloth.viewer.protocol.actions import action_table
 from flatcloth.viewer.protocol.messages import Hover
 from flatcloth.viewer.protocol.sent import UV, typed
-
-if TYPE_CHECKING:
-    from flatcloth.validation.markers import KitTruth
 
 APART_LIMIT_MM = 1000.0 * CONFLICT_M  # as in the 3D scene
 SHARE_LIMIT = 0.1
@@ -179,14 +185,9 @@ def make_picture(
     angles_deg = integration.recording.angles_deg
     drawn = None if previous is None else previous.sheet
     sheet = sheet_of(integration.canonical(document), document, laid, drawn, edge_m)
-    if sheet is not drawn and (truth := truth_of(integration.recording)) is not None:
-        sheet = replace(sheet, view=truth.with_errors(sheet.view, sheet.piece))
+    if sheet is not drawn:
+        sheet = replace(sheet, view=with_errors(sheet.view, integration.recording, sheet.piece))
     same = previous if previous is not None and previous.sheet is sheet else None
-    shape_legends = (
-        same.legends
-        if same
-        else typed(legends(sheet.view, integration.axis, angles_deg), dict[str, sent.Legend])
-    )
     overlay = None
     if document.pending is not None:
         before = None if previous is None else previous.overlay
@@ -198,7 +199,7 @@ def make_picture(
         present_view=present,
         angle_deg=angles_deg[present],
         cloud=integration.views.cloud(present),
-        legends=shape_legends,
+        legends=same.legends if same else legends_of(sheet.view, integration),
         overlay=overlay,
         sheet=sheet,
     )
@@ -208,14 +209,22 @@ _SEEN: Cache[dict[int, Float64]] = Cache(200)
 """The markers of views. Chosen: those of a few recordings."""
 
 
-def truth_of(recording: Recording) -> KitTruth | None:
-    """Return the truth of a recording with a kit, whose markers are found view by view."""
-    with suppress(FlatclothError):
+def with_errors(view: FlattenedView, recording: Recording, piece: Int16 | int = 0) -> FlattenedView:
+    """Return a view with the error of each pixel, if the recording has a kit: its markers are found once."""
+    try:
         kit, this = kit_of(recording), (recording.location, fingerprint(recording))
-        from flatcloth.validation.markers import KitTruth, found_markers
+    except FlatclothError:
+        return view
+    from flatcloth.validation.markers import KitTruth, found_markers
 
-        return KitTruth(kit, lambda n: _SEEN.get((*this, n), lambda: found_markers(recording[n].color, kit)))
-    return None
+    truth = KitTruth(kit, lambda n: _SEEN.get((*this, n), lambda: found_markers(recording[n].color, kit)))
+    return truth.with_errors(view, piece)
+
+
+def legends_of(view: FlattenedView, integration: Integration) -> dict[str, sent.Legend]:
+    """Return the legend of each layer of a view."""
+    angles_deg = integration.recording.angles_deg
+    return typed(legends(view, integration.axis, angles_deg), dict[str, sent.Legend])
 
 
 _revisions, _overlay_revisions = itertools.count(1), itertools.count(1)
@@ -329,23 +338,24 @@ def _checks(
     median_mm = 1000 * float(np.median(apart.distance_m[common])) if common.any() else float("nan")
     with np.errstate(invalid="ignore"):
         far = common & (apart.distance_m * 1000 > APART_LIMIT_MM)
-    other = score.parts.get("other_cloth_share", float("nan"))
-    twice = score.parts.get("twice_share", float("nan"))
-    shared = _middle(view, common)
+    twice, other = (score.parts.get(name, float("nan")) for name in ("twice_share", "other_cloth_share"))
+    shared, limit = _middle(view, common), 100 * SHARE_LIMIT
     worst = _middle(view, far) or shared
-    limit = 100 * SHARE_LIMIT
-    return (
-        _check("apart", "Apart in space", median_mm, APART_LIMIT_MM, "mm", worst),
-        _check("twice", "Covered twice", 100 * twice, limit, "%", shared),
-        _check("other", "On other cloth", 100 * other, limit, "%", shared),
-    )
-
-
-def _check(name: str, title: str, value: float, limit: float, unit: str, place: UV | None) -> sent.Check:
-    known = finite(value)
-    passed = None if known is None else known <= limit
-    return sent.Check(
-        name=name, title=title, value=known, limit=limit, unit=unit, passed=passed, place_uv_m=place
+    return tuple(
+        sent.Check(
+            name=name,
+            title=title,
+            value=finite(value),
+            limit=limit,
+            unit=unit,
+            passed=value <= limit if math.isfinite(value) else None,
+            place_uv_m=place,
+        )
+        for name, title, value, limit, unit, place in (
+            ("apart", "Apart in space", median_mm, APART_LIMIT_MM, "mm", worst),
+            ("twice", "Covered twice", 100 * twice, limit, "%", shared),
+            ("other", "On other cloth", 100 * other, limit, "%", shared),
+        )
     )
 
 
@@ -465,7 +475,7 @@ def of_session(
         "redo": state.redo[-1].name if state.redo else None,
         "n_later": len(document.later),
         "request": request,
-        "views": tuple(_view(state, i, a, reviewed.get(i, {})) for i, a in enumerate(angles_deg)),
+        "views": tuple(_views(state, angles_deg, reviewed)),
         "progress": progress or (sent.Progress(share=0.0, text=text) if compiling else None),
         "pending": _pending(document, picture),
         "drawing": drawing,
@@ -473,46 +483,36 @@ def of_session(
     }
 
 
-def _view(state: SessionState, index: int, angle_deg: float, reviewed: dict[str, Any]) -> sent.ViewRow:
+def _views(
+    state: SessionState, angles_deg: tuple[float, ...], reviewed: Mapping[int, dict[str, Any]]
+) -> Iterator[sent.ViewRow]:
     document = state.document
-    word, detail, score = _verdict(document, index)
-    command = Start(index) if document.start_view is None else Propose(index)
-    return sent.ViewRow(
-        index=index,
-        angle_deg=angle_deg,
-        state=word,
-        detail=detail,
-        score=score,
-        follows=_follows(document, index),
-        why_not=why_illegal(state, command) if word != "pending" else "This view is the proposal.",
-        why_not_reopen=why_illegal(state, Reopen(index)),
-        **reviewed,
-    )
-
-
-def _verdict(document: Document, index: int) -> tuple[sent.ViewState, str, float | None]:
-    """Return the state of a view in a word, its reason, and the score that it was accepted with."""
-    if index == document.start_view:
-        return "start", "", None
-    if document.pending is not None and index == document.pending.view_index:
-        return "pending", document.pending.why, None
-    for accepted in document.accepted:
-        if accepted.view_index == index:
-            return "fixed" if accepted.fixed else "accepted", "", accepted.score
-    for later in document.later:
-        if later.decision.view_index == index:
-            return "later", "", later.decision.score
-    for rejected in document.rejected:
-        if rejected.view_index == index:
-            return "rejected", rejected.reason, None
-    return "skipped" if any(s.view_index == index for s in document.skipped) else "unused", "", None
-
-
-def _follows(document: Document, index: int) -> int:
-    """Return the number of later views that follow an accepted one if it is decided again."""
+    # The state of a view in a word, its reason, and the score that it was accepted with; the last one counts.
+    verdicts: dict[int | None, tuple[sent.ViewState, str, float | None]] = {
+        **{skipped.view_index: ("skipped", "", None) for skipped in document.skipped},
+        **{rejected.view_index: ("rejected", rejected.reason, None) for rejected in document.rejected},
+        **{w.decision.view_index: ("later", "", w.decision.score) for w in document.later},
+        **{a.view_index: ("fixed" if a.fixed else "accepted", "", a.score) for a in document.accepted},
+    }
+    if document.pending is not None:
+        verdicts[document.pending.view_index] = "pending", document.pending.why, None
+    verdicts[document.start_view] = "start", "", None
     order = [*document.accepted, *(later.decision for later in document.later)]
-    at = next((n for n, a in enumerate(order) if a.view_index == index), None)
-    return 0 if at is None else len(order) - 1 - at
+    follows = {decision.view_index: len(order) - n for n, decision in enumerate(order, start=1)}
+    for index, angle_deg in enumerate(angles_deg):
+        word, detail, score = verdicts.get(index, ("unused", "", None))
+        command = Start(index) if document.start_view is None else Propose(index)
+        yield sent.ViewRow(
+            index=index,
+            angle_deg=angle_deg,
+            state=word,
+            detail=detail,
+            score=score,
+            follows=follows.get(index, 0),
+            why_not=why_illegal(state, command) if word != "pending" else "This view is the proposal.",
+            why_not_reopen=why_illegal(state, Reopen(index)),
+            **reviewed.get(index, {}),
+        )
 
 
 def _pending(document: Document, picture: Picture | None) -> sent.PendingInfo | None:
@@ -521,11 +521,19 @@ def _pending(document: Document, picture: Picture | None) -> sent.PendingInfo | 
         return None
     if overlay is not None and overlay.view_index != pending.view_index:
         overlay = None  # of the proposal before; this one's is on its way
+    shift = np.array([pending.nudge.u_m, pending.nudge.v_m])
+    if overlay is not None:  # a nudge is a turn about the proposal's own centre, and the shift of that
+        own = np.array(overlay.own_center_uv_m)
+        shift = overlay.shown(pending).apply(own) - overlay.sheet.shown(pending.proposed, own).apply(own)
     return sent.PendingInfo(
         view_index=pending.view_index,
         side=None if pending.side is None else pending.side.value,
         score=pending.score if overlay is None else overlay.score.total,
-        nudge=_motion(_about_center(pending, overlay)),
+        nudge=sent.Motion(
+            theta_deg=math.degrees(pending.nudge.theta_rad),
+            u_mm=1000 * float(shift[0]),
+            v_mm=1000 * float(shift[1]),
+        ),
         why=pending.why,
         again=pending.again is not None,
         **({} if overlay is None else _computed(pending, overlay)),
@@ -534,7 +542,10 @@ def _pending(document: Document, picture: Picture | None) -> sent.PendingInfo | 
 
 def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     """Return what the method has computed for a proposal, as fields of it."""
-    placement = overlay.proposal
+    joined, brings = overlay.joined_piece, None
+    if joined is not None and (piece := overlay.sheet.piece_on_plane(joined.center_uv_m)):
+        motion = joined.target_from_piece @ overlay.sheet.shift(piece).inverse()
+        brings = sent.JoinedPieceInfo(label=label_of(piece), placement=motion)
     return {
         "pieces": tuple(
             sent.PendingPart(
@@ -543,65 +554,31 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
                 waits=part.alignment is None,
                 chosen=part.component == pending.component,
             )
-            for part in placement.parts
+            for part in overlay.proposal.parts
         ),
         "also": overlay.also,
         "extends": label_of(overlay.piece(pending)),
-        "brings": _joined(overlay),
+        "brings": brings,
         "foreseen": overlay.foreseen,
         "checks": overlay.checks,
     }
 
 
-def _joined(overlay: Overlay) -> sent.JoinedPieceInfo | None:
-    """Return the letter of the piece that the proposal joins to the shape, and its motion on the sheet."""
-    if overlay.joined_piece is None:
-        return None
-    piece = overlay.sheet.piece_on_plane(overlay.joined_piece.center_uv_m)
-    motion = overlay.joined_piece.target_from_piece @ overlay.sheet.shift(piece).inverse()
-    return None if piece == 0 else sent.JoinedPieceInfo(label=label_of(piece), placement=motion)
-
-
-def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
-    """Return a nudge as a turn about the proposal's own centre and the shift of that, as one sees it."""
-    if overlay is None:
-        return pending.nudge
-    own = np.array(overlay.own_center_uv_m)
-    shift = overlay.shown(pending).apply(own) - overlay.sheet.shown(pending.proposed, own).apply(own)
-    return Rigid2(pending.nudge.theta_rad, float(shift[0]), float(shift[1]))
-
-
-def _motion(motion: Rigid2) -> sent.Motion:
-    return sent.Motion(
-        theta_deg=math.degrees(motion.theta_rad), u_mm=1000 * motion.u_m, v_mm=1000 * motion.v_m
-    )
-
-
 def layers_of(shown: Picture | OtherSheet) -> sent.Layers:
     """Return the layers of the shape, of a frame, or of the other side; a proposal lies on the shape only."""
     sheet, is_shape = shown.sheet, isinstance(shown, Picture)
+    file_of = floating_file if is_shape else other_floating_file
+    pieces = [] if sheet is None else pieces_of(sheet)
     return sent.Layers(
         revision=shown.revision,
         area_cm2=1e4 * (shown.view.area_m2 if sheet is None else sheet.shape_m2),
-        pieces=() if sheet is None else _floating(sheet, floating_file if is_shape else other_floating_file),
+        pieces=typed(
+            [{"file": file_of(n), **piece} for n, piece in enumerate(pieces, start=1)],
+            tuple[sent.FloatingPiece, ...],
+        ),
         legends=shown.legends,
         overlay=_overlay_info(shown) if isinstance(shown, Picture) else None,
         **grid_of(shown.view),
-    )
-
-
-def _floating(sheet: Sheet, file_of: Callable[[int], str]) -> tuple[sent.FloatingPiece, ...]:
-    return tuple(
-        sent.FloatingPiece(
-            label=piece.label,
-            file=file_of(piece.number),
-            area_cm2=1e4 * piece.view.area_m2,
-            reason=piece.reason,
-            color=hex_of(piece_color(n)),
-            placed=piece.placed is not None,
-            grid=sent.Grid(**grid_of(piece.view)),
-        )
-        for n, piece in enumerate(sheet.pieces, start=1)
     )
 
 

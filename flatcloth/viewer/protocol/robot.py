@@ -64,11 +64,6 @@ class PostedView(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     axis: Axis | None = None
     held_point_m: tuple[Near, Near, Near] | None = None
 
-    @property
-    def has_images(self) -> bool:
-        """Whether the images are sent, too."""
-        return not (self.color is None and self.depth is None and self.K is None)
-
     def view(self) -> SeenView:
         """Return the view.
 

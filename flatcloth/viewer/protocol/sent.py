@@ -131,17 +131,11 @@ def _builtin(value: Any) -> Any:
 _ENCODER = msgspec.json.Encoder(enc_hook=_builtin)
 
 
-class ActiveStep(Sent, frozen=True):
-    """A view that an active loop took: what was expected of it, and what it brought."""
-
-    number: int
-    angle_deg: float
-    expected: str
-    got: str
-
-
 class ActiveStatus(Sent, frozen=True):
-    """The state of an active loop; ``angle_deg`` is the next one, None at the ``end`` or while it waits."""
+    """The state of an active loop; ``angle_deg`` is the next one, None at the ``end`` or while it waits.
+
+    ``steps`` are its last views: of each ``why`` it was asked for, and what was ``got``.
+    """
 
     goal: str
     budget: str
@@ -156,7 +150,7 @@ class ActiveStatus(Sent, frozen=True):
     turning: bool
     turns_itself: bool
     is_simulated: bool
-    steps: tuple[ActiveStep, ...]
+    steps: tuple[dict[str, Any], ...]
 
 
 ViewState = Literal["unused", "start", "pending", "accepted", "fixed", "later", "rejected", "skipped"]
@@ -380,27 +374,6 @@ class GripInfo(Sent, frozen=True):
     placement_std_m: float | None
 
 
-class PickInfo(Sent, frozen=True):
-    """All numbers of the current pick; its pixel and its place are those of its ``side`` of the item."""
-
-    id: int
-    name: str
-    side: SheetSide
-    rc: RC
-    uv_m: UV
-    in_shape: bool
-    position_held_m: XYZ
-    position_camera_m: XYZ
-    normal_held: Direction
-    normal_camera: Direction
-    angle_deg: float
-    z_angle_deg: float | None
-    view_index: int
-    source_rc: tuple[float | None, float | None]
-    miss_m: float
-    grip: GripInfo | None
-
-
 class ListedPick(Sent, frozen=True):
     """A pick of the list; ``uv_m`` on the plane of its ``side``, None if that does not contain it.
 
@@ -414,6 +387,18 @@ class ListedPick(Sent, frozen=True):
     position_held_m: XYZ
     uv_m: UV | None
     kept: bool
+
+
+class PickInfo(ListedPick, frozen=True):
+    """All numbers of the current pick."""
+
+    position_camera_m: XYZ
+    normal_held: Direction
+    normal_camera: Direction
+    angle_deg: float
+    source_rc: tuple[float | None, float | None]
+    miss_m: float
+    grip: GripInfo | None
 
 
 class SidesInfo(Sent, frozen=True):
@@ -453,7 +438,7 @@ class CapturedView(Sent, frozen=True):
 
 
 class CaptureStatus(Sent, frozen=True):
-    """The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed.
+    """The status of the camera and of a guided capture.
 
     ``playing``: its newest frame is shown; otherwise one frame is held.
     """
@@ -465,7 +450,6 @@ class CaptureStatus(Sent, frozen=True):
     warnings: tuple[str, ...]
     folder: str
     phase: str
-    why_not: dict[str, str | None]
     step_deg: float
     hold_s: float
     frames: int
@@ -757,15 +741,6 @@ class DiagnosticsInfo(Sent, frozen=True):
 
     reasons: Reasons
     pairs: ShownPairs | None
-
-
-class FrameInfo(Sent, frozen=True):
-    """A frame of a camera; its picture follows in the same answer, unless ``grid`` is None."""
-
-    sequence: int
-    reason: str
-    grid: Grid | None = None
-    pick_uv_m: UV | None = None
 
 
 class ItemBox(Sent, frozen=True):

@@ -18,15 +18,14 @@ from flatcloth.viewer.protocol.messages import KINDS
 from flatcloth.viewer.protocol.sent import (
     DiagnosticsInfo,
     DoubtsInfo,
-    FrameInfo,
     ItemBox,
     ResultInfo,
     SeenViews,
     ServerMessage,
 )
 
-_ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews, ItemBox, DoubtsInfo)
-"""Sent as a binary message, or as the answer of a route."""
+_ANSWERS = (ResultInfo, DiagnosticsInfo, SeenViews, ItemBox, DoubtsInfo)
+"""Sent as the answers of routes."""
 _SCALARS: dict[type, str] = {
     inspect.IntType: "number",
     inspect.FloatType: "number",

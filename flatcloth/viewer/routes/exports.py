@@ -12,7 +12,7 @@ from flatcloth.export.by_name import MEDIA, made
 from flatcloth.export.data import is_floating_file
 from flatcloth.export.growth import Kept
 from flatcloth.export.session import of_page
-from flatcloth.viewer.http import GONE, RefusedError, made_for
+from flatcloth.viewer.http import RefusedError, made_for
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.worker import one_at_a_time
 
@@ -52,8 +52,6 @@ class ExportRoutes:
             data = await made_for(request, self._page.executor, "export", make, f"exporting {name}")
         finally:
             self.waiting -= 1
-        if data is None:
-            return GONE
         # As a download, never shown with the page's origin: its texts come from the recording.
         stem = re.sub(r"[^A-Za-z0-9._-]+", "-", self._page.integration.recording.name).strip("-.")[:60]
         headers = {"Content-Disposition": f'attachment; filename="{stem or "flatcloth"}-{name}"'}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from starlette.routing import BaseRoute
 from flatcloth.checking.check import checked
 from flatcloth.checking.findings import Check
 from flatcloth.core.cache import Cache
-from flatcloth.core.types import Bool, Floats, RgbdFrame, Uint8
+from flatcloth.core.types import Bool, Floats, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import pixel_states
 from flatcloth.engine.warmup import wait_until_compiled
@@ -31,52 +30,44 @@ from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.picture import place_in_view
 from flatcloth.viewer.protocol.sent import SeenView, SeenViews
 
-PICTURES_KEPT = 12
-"""Pictures that are kept. Chosen: all layers of one state."""
+KEPT = 16
+"""Pictures that are kept, of each kind. Chosen: more than the layers of one state."""
 
 
 def layer_routes(page: PageController) -> list[BaseRoute]:
     """Return the routes of the pictures of what a page shows."""
-    pngs: Cache[bytes | None] = Cache(PICTURES_KEPT)
+    pngs: Cache[bytes | None] = Cache(KEPT)
     differences: Cache[Difference] = Cache(1)
 
     def serve(request: Request) -> bytes | None:
-        asked = dict(request.path_params)
-        return png(asked.pop("name", None) or request.query_params.get("layer", "color"), **asked)
-
-    def png(
-        name: str,
-        revision: int | None = None,
-        overlay: int | None = None,
-        difference: str | None = None,
-        other: int | None = None,
-    ) -> bytes | None:
         """Return a picture; None if it is outdated or unknown.
 
         A layer of the shape at its ``revision``, of the other side at its, of the proposal at the revision
         ``overlay``, in the colours of the shape's, or with both revisions a map of a kind of ``difference``.
         """
-        key = name, revision, overlay, difference, other
+        asked = request.path_params
+        name = asked.get("name") or request.query_params.get("layer", "color")
+        key = name, *asked.items()
         if key in pngs:
             return pngs.kept(key)
         if (picture := page.picture) is None or name not in layers.LAYERS:
             return None
-        proposal, its_other = picture.overlay, picture.other
-        for asked, shown in ((revision, picture), (overlay, proposal), (other, its_other)):
-            if asked is not None and (shown is None or asked != shown.revision):
+        shown = {"revision": picture, "overlay": picture.overlay, "other": picture.other}
+        for each, of in shown.items():
+            if each in asked and (of is None or asked[each] != of.revision):
                 return None
-        axis, shape = page.integration.axis, picture.view
-        if difference is not None and proposal is not None:
-            if difference not in layers.DIFFERENCES:
+        axis, shape, overlay = page.integration.axis, picture.view, picture.overlay
+        if "difference" in asked and overlay is not None:
+            kind, between = asked["difference"], (asked["revision"], asked["overlay"])
+            if kind not in layers.DIFFERENCES:
                 return None
-            between = revision, overlay
-            found = differences.get(between, lambda: layers.difference(shape, proposal.view, axis))
-            image = layers.difference_rgba(found, difference)
+            found = differences.get(between, lambda: layers.difference(shape, overlay.view, axis))
+            image = layers.difference_rgba(found, kind)
         else:
-            shown = its_other if other is not None else proposal if overlay is not None else picture
-            assert shown is not None  # its revision was compared
-            like, n_views = None if other is not None else shape, len(page.integration.recording)
-            image = layers.rgba(shown.view, name, axis, n_views, like=like)
+            of = next(shown[each] for each in ("other", "overlay", "revision") if each in asked)
+            assert of is not None  # its revision was compared
+            like = None if "other" in asked else shape
+            image = layers.rgba(of.view, name, axis, len(page.integration.recording), like=like)
         return pngs.put(key, layers.png(image))
 
     return [
@@ -91,9 +82,6 @@ def layer_routes(page: PageController) -> list[BaseRoute]:
 
 THUMB_PX = 72
 """Height of a thumbnail in the list of views. Chosen."""
-IMAGES_KEPT = 16
-"""Images that are kept. Chosen."""
-_GONE = "There is no such picture, or it is no longer shown; a newer state follows."
 _SHADE = 150
 """Opacity of the shade on pixels off the item, of 255."""
 _EDGE = (255, 210, 60, 255)
@@ -103,30 +91,27 @@ _EDGE = (255, 210, 60, 255)
 def source_routes(page: PageController) -> list[BaseRoute]:
     """Return the routes of the source images, and of the views that saw a pick of a page."""
     integration = page.integration
-    kept: Cache[Any] = Cache(IMAGES_KEPT)
+    kept: Cache[Any] = Cache(KEPT)
 
     def axis_key() -> bytes:
         return integration.axis.point_m.tobytes() + integration.axis.direction.tobytes()
 
-    def image(request: Request, kind: str, make: Callable[[RgbdFrame], bytes]) -> bytes:
-        view = request.path_params["view"]
-        if view >= len(integration.recording):
-            raise http.RefusedError(f"View {view} does not exist.", 404)
-        made: bytes = kept.get((kind, view, axis_key()), lambda: make(integration.views.frame(view)))
-        return made
+    def color(_request: Request, view: int) -> Any:
+        return kept.get(("color", view), lambda: jpeg(integration.views.frame(view).color))
 
-    def color(request: Request) -> bytes:
-        return image(request, "color", lambda frame: jpeg(frame.color))
-
-    def mask(request: Request) -> bytes:
+    def mask(_request: Request, view: int) -> Any:
         axis, config = integration.axis, integration.config.surface
-        return image(request, "mask", lambda frame: layers.png(mask_rgba(item_mask(frame, axis, config))))
 
-    def states(request: Request) -> Any:
-        view, revision, kind = (request.path_params[name] for name in ("view", "revision", "kind"))
+        def drawn() -> bytes:
+            return layers.png(mask_rgba(item_mask(integration.views.frame(view), axis, config)))
+
+        return kept.get(("mask", view, axis_key()), drawn)
+
+    def states(request: Request, view: int) -> Any:
+        revision, kind = request.path_params["revision"], request.path_params["kind"]
         picture = page.picture
         document = None if picture is None or picture.revision != revision else picture.document
-        if document is None or view >= len(integration.recording) or kind not in ("png", "json"):
+        if document is None or kind not in ("png", "json"):
             return None
         key = "states", view, revision, axis_key()
         found = kept.get(key, lambda: pixel_states(integration, document, view))
@@ -144,9 +129,9 @@ def source_routes(page: PageController) -> list[BaseRoute]:
         return kept.get(key, lambda: views_that_saw(integration, position, normal))
 
     return [
-        http.get("/source/{view:int}/color.jpg", color, "image/jpeg"),
-        http.get("/source/{view:int}/mask.png", mask),
-        http.get("/source/{view:int}/states-{revision:int}.{kind}", states, gone=_GONE),
+        page.of_view("/source/{view:int}/color.jpg", color, media_type="image/jpeg"),
+        page.of_view("/source/{view:int}/mask.png", mask),
+        page.of_view("/source/{view:int}/states-{revision:int}.{kind}", states),
         http.get("/source/seen/{pick:int}.json", seen),
     ]
 
@@ -181,12 +166,9 @@ def views_that_saw(integration: Integration, position_held_m: Floats, normal_hel
 
 def crop(color: Uint8, row: float, col: float, size_px: int = THUMB_PX) -> Uint8:
     """Return the square (size, size, 3) around a pixel of an image, grey beyond its border."""
-    out: Uint8 = np.full((size_px, size_px, 3), 128, dtype=np.uint8)
-    top, left = round(row) - size_px // 2, round(col) - size_px // 2
-    r0, c0 = max(top, 0), max(left, 0)
-    part = color[r0 : max(top + size_px, 0), c0 : max(left + size_px, 0)]
-    out[r0 - top : r0 - top + part.shape[0], c0 - left : c0 - left + part.shape[1]] = part
-    return out
+    half = size_px // 2
+    padded: Uint8 = np.pad(color, ((half, half), (half, half), (0, 0)), constant_values=128)
+    return padded[round(row) : round(row) + size_px, round(col) : round(col) + size_px]
 
 
 def mask_rgba(item: Bool) -> Uint8:
@@ -203,14 +185,11 @@ def mask_rgba(item: Bool) -> Uint8:
 
 # --- the check of the recording -------------------------------------------------------------------
 
-FINDINGS_KEPT = 8
-"""Pictures that are kept. Chosen: more findings at once are rare."""
-
 
 def check_routes(page: PageController) -> list[BaseRoute]:
     """Return ``GET /check.json`` and ``GET /check/{finding}.png``; the first request makes the check."""
     recording, views = page.integration.recording, page.integration.views
-    pictures: Cache[bytes | None] = Cache(FINDINGS_KEPT)
+    pictures: Cache[bytes | None] = Cache(KEPT)
 
     one_at_a_time = threading.Lock()
 

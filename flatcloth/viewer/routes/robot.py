@@ -17,7 +17,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -54,7 +54,6 @@ from flatcloth.viewer.protocol.robot import (
 )
 from flatcloth.viewer.protocol.sent import encoded, typed
 
-T = TypeVar("T")
 _ROTATIONS_KEPT = 16
 """Most rotations for which the poses are kept. Chosen: more than robots listen at once; it bounds memory."""
 
@@ -74,11 +73,12 @@ class Shown:
 
 
 @dataclass
-class Told:
-    """The events that one client received last; those that it misses follow from them."""
+class Client:
+    """A client of a socket: the rotation of its poses, and what it was sent last, by what that is about."""
 
     rotation_deg: float | None = None
-    events: Events = field(default_factory=dict)
+    sent: dict[Any, object] = field(default_factory=dict)
+    lock: threading.Lock = field(default_factory=threading.Lock)
 
 
 class RobotAnswers:
@@ -138,11 +138,11 @@ class RobotAnswers:
             raise FlatclothError(f"No view saw a point {name!r:.80}; seen are: {seen}.")
         return tuple(map(float, points[name].position_held_m))
 
-    def events(self, told: Told) -> Iterator[RobotEvent]:
+    def events(self, client: Client) -> Iterator[RobotEvent]:
         """Yield the events that a client misses, and note that they are sent."""
-        shown = self.present(told.rotation_deg)
+        shown = self.present(client.rotation_deg)
         events = None if shown is None else shown.events
-        yield from news(told, self.page.integration.recording.name, events)
+        yield from news(client, self.page.integration.recording.name, events)
 
     def present(self, rotation_deg: float | None) -> Shown | None:
         """Return what the page shows, None before the first shape; kept for all robots until it changes."""
@@ -207,17 +207,17 @@ def events_of(shape: ShapeChanged, document: dict[str, Any], kind: str | None, *
     return events
 
 
-def news(told: Told, recording: str, events: Events | None) -> Iterator[RobotEvent]:
+def news(client: Client, recording: str, events: Events | None) -> Iterator[RobotEvent]:
     """Yield those of the events of what is shown that a client misses, and note that they are sent."""
     hello = Hello(protocol=PROTOCOL, flatcloth=flatcloth.__version__, recording=recording)
     now = {"hello": hello, **(events or {})}
     for about, event in now.items():
-        if told.events.get(about) != event:
-            told.events[about] = event
+        if client.sent.get(about) != event:
+            client.sent[about] = event
             yield event
     if events is not None:
-        for number in [each for each in told.events if isinstance(each, int) and each not in now]:
-            del told.events[number]
+        for number in [each for each in client.sent if isinstance(each, int) and each not in now]:
+            del client.sent[number]
             yield PickDeleted(id=number)
 
 
@@ -248,32 +248,25 @@ def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
         http.get("/robot/grasps", lambda request: answers.page.grasps(http.rotation_of(request))),
         http.post("/robot/pick", ProposedPick, pick, hint="See /robot/schema.json."),
         http.get("/robot/schema.json", lambda _: schema()),
-        events_route(answers.events),
-        pushed("/robot/rosbridge", _Client, bridge.news, bridge.answer),
+        pushed("/robot/events", answers.events),
+        pushed("/robot/rosbridge", bridge.news, bridge.answer),
     ]
-
-
-def events_route(events: Callable[[Told], Iterable[RobotEvent]]) -> WebSocketRoute:
-    """Return the route that pushes the events that a client has not received yet."""
-    return pushed("/robot/events", Told, events)
 
 
 def pushed(
     path: str,
-    client_of: Callable[[float | None], T],
-    news: Callable[[T], Iterable[object]],
-    hear: Callable[[T, str], object] = lambda _client, _text: None,
+    news: Callable[[Client], Iterable[object]],
+    hear: Callable[[Client, str], object] = lambda _client, _text: None,
 ) -> WebSocketRoute:
     """Return a route of sockets: a client is sent what is new, as JSON, until it leaves.
 
-    ``client_of`` makes a client of the rotation in its address. ``hear`` gets its messages, and returns the
-    answer, None: no answer. ``news`` and ``hear`` are called on threads.
+    ``hear`` gets its messages, and returns the answer, None: no answer. Both are called on threads.
     """
 
     async def serve(robot: WebSocket) -> None:
         await robot.accept()
         try:
-            client = client_of(http.rotation_of(robot))
+            client = Client(http.rotation_of(robot))
         except FlatclothError as error:
             await robot.close(1008, str(error))
             return
@@ -315,7 +308,7 @@ class Topic:
     make: Callable[[Shown, Frames], dict[str, Any]]
 
 
-def frame_of(axis: RotationAxis, base_from_camera: Rigid3 | None, present: Shown) -> Frames:
+def frames_of(axis: RotationAxis, base_from_camera: Rigid3 | None, present: Shown) -> Frames:
     """Return the frames at the rotation of the poses."""
     rotation_deg = float(present.document["rotation_deg"])
     parents = {OBJECT: (CAMERA, camera_from_object(axis, rotation_deg))}
@@ -447,22 +440,13 @@ class _Request(msgspec.Struct, frozen=True, kw_only=True):
     args: Any = None
 
 
-@dataclass
-class _Client:
-    """A connected client: its topics, each with the part of the page that it was sent of last."""
-
-    rotation_deg: float | None
-    sent: dict[str, object] = field(default_factory=dict)
-    lock: threading.Lock = field(default_factory=threading.Lock)
-
-
 class RosBridge:
     """Answers the clients of ``/robot/rosbridge``."""
 
     def __init__(self, answers: RobotAnswers) -> None:
         self._answers = answers
 
-    def answer(self, client: _Client, text: str) -> dict[str, Any] | None:
+    def answer(self, client: Client, text: str) -> dict[str, Any] | None:
         """Carry out an operation; return the answer to the client, None: no answer."""
         try:
             if len(text) > http.MAX_BODY_BYTES:
@@ -486,21 +470,18 @@ class RosBridge:
                 return _status("warning", f"Operation {request.op!r:.40} does nothing here.", request.id)
         return None
 
-    def _call(self, request: _Request, client: _Client) -> dict[str, Any]:
+    def _call(self, request: _Request, client: Client) -> dict[str, Any]:
         about = {"op": "service_response", "id": request.id, "service": request.service}
         try:
-            values = self._served(request, client)
+            if request.service != SERVICE:
+                raise FlatclothError(f"No service {request.service!r:.80}; there is {SERVICE}.")
+            pick = msgspec.convert(request.args or {}, ProposedPick)
+            values = self._answers.propose(pick, client.rotation_deg)
         except (FlatclothError, ValueError) as error:
             return {**about, "values": str(error), "result": False}
         return {**about, "values": values, "result": True}
 
-    def _served(self, request: _Request, client: _Client) -> dict[str, Any]:
-        if request.service != SERVICE:
-            raise FlatclothError(f"No service {request.service!r:.80}; there is {SERVICE}.")
-        pick = msgspec.convert(request.args or {}, ProposedPick)
-        return self._answers.propose(pick, client.rotation_deg)
-
-    def news(self, client: _Client) -> list[dict[str, Any]]:
+    def news(self, client: Client) -> list[dict[str, Any]]:
         """Return the messages of the client's topics whose content has changed since the last."""
         present = self._answers.present(client.rotation_deg)
         if present is None:
@@ -509,13 +490,11 @@ class RosBridge:
             parts = {name: TOPICS[name].part(present) for name in client.sent}
             changed = [name for name, part in parts.items() if part != client.sent[name]]
             client.sent = parts
-        return [self._published(name, present) for name in changed]
-
-    def _published(self, name: str, present: Shown) -> dict[str, Any]:
         page = self._answers.page
-        axis, base = page.integration.axis, page.base_from_camera
-        message = TOPICS[name].make(present, frame_of(axis, base, present))
-        return {"op": "publish", "topic": name, "msg": message}
+        frames = frames_of(page.integration.axis, page.base_from_camera, present)
+        return [
+            {"op": "publish", "topic": name, "msg": TOPICS[name].make(present, frames)} for name in changed
+        ]
 
 
 def _status(level: str, text: str, about: str | None) -> dict[str, Any]:

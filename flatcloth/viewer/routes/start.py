@@ -24,8 +24,6 @@ from flatcloth.recordings.mending import Mends, options_of
 from flatcloth.viewer.http import RefusedError, get, page_of, post
 from flatcloth.viewer.places import Chosen, Kind, Places
 
-MAX_BODY_BYTES = 4096
-"""Limit of a request's body. Chosen: far above what the page sends."""
 PICTURE_PX = 240
 """Size of the pictures of recordings. Chosen."""
 PICTURES_KEPT = 64
@@ -75,8 +73,8 @@ class StartRoutes:
             get(
                 "/start/picture/{kind}/{name:path}", self._picture, "image/jpeg", kept="private, max-age=600"
             ),
-            post("/start/open", OpenPlace, self._open, MAX_BODY_BYTES),
-            post("/start/mend", Mend, self._mend, MAX_BODY_BYTES),
+            post("/start/open", OpenPlace, self._open),
+            post("/start/mend", Mend, self._mend),
         ]
 
     async def page(self, request: Request) -> Response:

@@ -83,9 +83,13 @@ def clouds_of(picture: Picture, axis: RotationAxis, n_views: int, color: str = "
         if color == "color":
             new = Cloud(new.points_m, (0.35 * new.colors + 0.65 * _HIGHLIGHT).astype(np.uint8), new.size_m)
     if picture.other is not None:
-        held = _both(held, picture.other.view, cloud)
+        its = cloud(picture.other.view, picture.other.view.valid, held.size_m)
+        points = np.concatenate([held.points_m, its.points_m])
+        held = Cloud(points, np.concatenate([held.colors, its.colors]), held.size_m)
     # The view's own points have no layers: in grey they do not mix with those that have.
-    shown = Cloud(live.xyz_m, dimmed(live.rgb, live.of_interest & (color == "color")), 0.0015)
+    grey = (0.25 * live.rgb + 0.75 * _GREY).astype(np.uint8)
+    is_own = live.of_interest & (color == "color")
+    shown = Cloud(live.xyz_m, np.where(is_own[:, None], live.rgb, grey), 0.0015)
     return {LIVE: shown if picture.sheet is None else _apart(shown, held), HELD: held, PROPOSAL: new}
 
 
@@ -96,13 +100,6 @@ def _apart(cloud: Cloud, of: Cloud) -> Cloud:
     )
     alone = np.isinf(off)
     return Cloud(cloud.points_m[alone], cloud.colors[alone], cloud.size_m)
-
-
-def _both(this: Cloud, other: FlattenedView, cloud: Callable[[FlattenedView, Bool, float], Cloud]) -> Cloud:
-    """Return the points of both sides."""
-    its = cloud(other, other.valid, this.size_m)
-    points, colors = np.concatenate([this.points_m, its.points_m]), np.concatenate([this.colors, its.colors])
-    return Cloud(points, colors, this.size_m)
 
 
 def _with_pieces(cloud: Cloud, picture: Picture, color: str) -> Cloud:
@@ -134,12 +131,6 @@ def all_views(integration: Integration, color: str) -> Cloud:
     if not points:
         return NOTHING
     return Cloud(np.concatenate(points), np.concatenate(colors).astype(np.uint8), 0.0018)
-
-
-def dimmed(rgb: Uint8, of_interest: Bool) -> Uint8:
-    """Return the colors (N, 3), with points that are not of interest in grey."""
-    grey = (0.25 * rgb + 0.75 * _GREY).astype(np.uint8)
-    return np.where(of_interest[:, None], rgb, grey)
 
 
 FRAME_MARGIN = 1.15
@@ -177,7 +168,7 @@ class Scene:
         self._viser: PrivateViser | None = None
         self._is_closed = False
         self.on_ray: Callable[[tuple[float, ...], tuple[float, ...]], None] = lambda _o, _d: None
-        self.in_background: Callable[[Callable[[], None]], None] = lambda job: job()
+        self.in_background: Callable[[Callable[[], None]], object] = lambda job: job()
 
     @property
     def path(self) -> Path:

@@ -11,18 +11,16 @@ from flatcloth.active.service import ActiveService
 from flatcloth.viewer.http import REFUSALS
 from flatcloth.viewer.modes.active import active_routes
 from flatcloth.viewer.protocol.robot import RobotEvent, ShapeChanged
-from flatcloth.viewer.routes.robot import Told, events_of, events_route, news
+from flatcloth.viewer.routes.robot import Client, events_of, news, pushed
 from flatcloth.viewer.server.app import serve_app
-from flatcloth.viewer.server.guard import PublicUrl, given_token, own_token
+from flatcloth.viewer.server.guard import Endpoint, given_token
 
 
 def serve_active(
     service: ActiveService,
-    host: str,
-    port: int,
+    endpoint: Endpoint,
     token_file: Path | None,
     ready: Callable[[str, str], None],
-    public: PublicUrl | None = None,
 ) -> None:
     """Serve a loop until a robot has received its end, or Ctrl-C or SIGTERM.
 
@@ -30,14 +28,12 @@ def serve_active(
     ----------
     service : ActiveService
         The loop.
-    host, port : str, int
-        Where to listen; port 0 for any free one.
+    endpoint : Endpoint
+        Where to listen.
     token_file : Path, optional
         As for the page: otherwise the token is that of the environment, the user's own, or a new one.
     ready : callable
         Called with the address that robots ask, and the token.
-    public : PublicUrl, optional
-        The address at which a proxy offers the loop.
 
     Raises
     ------
@@ -47,20 +43,20 @@ def serve_active(
 
     def make(end: Callable[[], object]) -> Starlette:
         routes = active_routes(service, lambda answer: end() if answer["done"] else None)
-        routes.append(events_route(loop_events(service)))
+        routes.append(pushed("/robot/events", loop_events(service)))
         return Starlette(routes=routes, exception_handlers=REFUSALS)
 
-    token = given_token(token_file) or own_token(host, public)
-    serve_app(make, host, port, token, "robot/next", ready, public)
+    token = given_token(token_file) or endpoint.own_token()
+    serve_app(make, endpoint, token, "robot/next", ready)
 
 
-def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]]:
+def loop_events(service: ActiveService) -> Callable[[Client], Iterator[RobotEvent]]:
     """Return the generator of a loop's events without a page: its shape, and the named points."""
     loop = service.loop
 
-    def events(told: Told) -> Iterator[RobotEvent]:
+    def events(client: Client) -> Iterator[RobotEvent]:
         with loop.lock:
-            found, document = None, service.document(told.rotation_deg)
+            found, document = None, service.document(client.rotation_deg)
             if document is not None:
                 shape = ShapeChanged(
                     revision=loop.views,
@@ -70,6 +66,6 @@ def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]
                 )
                 recognised = not isinstance(loop.known, str)
                 found = events_of(shape, document, loop.knowledge.kind, recognised=recognised)
-        yield from news(told, loop.name, found)
+        yield from news(client, loop.name, found)
 
     return events

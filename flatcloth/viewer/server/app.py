@@ -8,8 +8,6 @@ import functools
 import hashlib
 import logging
 import mimetypes
-import os
-import socket
 import tempfile
 import threading
 import weakref
@@ -35,7 +33,7 @@ from flatcloth.viewer.http import REFUSALS, packed, page_of
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.protocol.sent import Switched
 from flatcloth.viewer.routes.start import StartRoutes
-from flatcloth.viewer.server.guard import Guard, PublicUrl, is_open, own_names, own_token
+from flatcloth.viewer.server.guard import LOCAL, Endpoint, Guard
 from flatcloth.viewer.server.limits import limited_logs, limited_server
 
 if TYPE_CHECKING:
@@ -82,10 +80,8 @@ class PageServer:
     ----------
     opened : Opened, optional
         The source that is opened first; without it the page shows the start screen.
-    host : str
-        Address to bind.
-    port : int
-        0 chooses a free port.
+    endpoint : Endpoint
+        Where to listen.
     token : bool or str
         Require the token that is part of :attr:`url`: True the user's own, a text this one. False admits
         every user and program of this computer; beyond loopback it is refused.
@@ -94,41 +90,37 @@ class PageServer:
     opener : callable, optional
         Opens a chosen place. It is called with the place and the folder of the open session, and returns None
         if they are the same. Without an opener, nothing else can be opened.
-    public : PublicUrl, optional
-        The address at which a proxy offers the page.
     """
 
     def __init__(
         self,
         opened: Opened | None = None,
+        endpoint: Endpoint = LOCAL,
         *,
-        host: str = "127.0.0.1",
-        port: int = 8080,
         token: bool | str = True,
         places: Places | None = None,
         opener: Opener | None = None,
-        public: PublicUrl | None = None,
     ) -> None:
         return_freed_memory()
         with contextlib.ExitStack() as failed:
             if opened is not None:
                 failed.callback(opened.close)
-            if not token and is_open(host, public):
+            if not token and endpoint.is_open:
                 raise ServerError(
-                    f"Without a token, {public or host} would admit everybody;"
+                    f"Without a token, {endpoint.public or endpoint.host} would admit everybody;"
                     " use --host 127.0.0.1, or a token."
                 )
             with os_errors_as(ServerError, "No folder for the scene", "Set TMPDIR to a writable one."):
                 tempfile.TemporaryFile().close()
-            self._socket = failed.enter_context(bind(host, port))
+            self._socket = failed.enter_context(endpoint.bind())
             self._now = None if opened is None else _workspace_of(opened)
             failed.pop_all()
-        self.token = (token if isinstance(token, str) else own_token(host, public)) if token else None
-        self._host, self._public = host, public
+        self.token = (token if isinstance(token, str) else endpoint.own_token()) if token else None
+        self._endpoint = endpoint
         self.port: int = self._socket.getsockname()[1]
         self._opener = opener
         self._loop: asyncio.AbstractEventLoop | None = None
-        places = places or Places(own=not is_open(host, public))
+        places = places or Places(own=not endpoint.is_open)
         places.remember(self.session)
         self._start = StartRoutes(places, lambda: self.recording, self.open, self.mend)
         self._ready = threading.Event()
@@ -139,8 +131,7 @@ class PageServer:
     @property
     def url(self) -> str:
         """The address to open, with the token if one is required."""
-        address = address_of(self._host, self.port, self._public)
-        return address + (f"?token={self.token}" if self.token else "")
+        return self._endpoint.url(self.port) + (f"?token={self.token}" if self.token else "")
 
     @property
     def recording(self) -> str | None:
@@ -203,8 +194,7 @@ class PageServer:
             Mount("/static", OwnFiles(directory=STATIC)),
             Mount("/", self._of_workspace),
         ]
-        names = own_names(self._host)
-        guard = Middleware(Guard, names=names, token=self.token, port=self.port, public=self._public)
+        guard = Middleware(Guard, endpoint=self._endpoint, token=self.token, port=self.port)
         middleware = [Middleware(_Headers), guard]
         return Starlette(routes=routes, middleware=middleware, lifespan=lifespan, exception_handlers=REFUSALS)
 
@@ -312,44 +302,12 @@ def _workspace_of(opened: Opened) -> Workspace:
     return Workspace(opened)
 
 
-def bind(host: str, port: int) -> socket.socket:
-    """Return a socket that listens at an address.
-
-    Raises
-    ------
-    ServerError
-        If the port is busy or the host does not belong to this computer; the message gives the remedy.
-    """
-    if not 0 <= port <= 65535:
-        raise ServerError(f"Port {port} does not exist; use 0 (any free port) to 65535.")
-    with os_errors_as(ServerError, f"Host {host!r} is unknown", "Use 127.0.0.1."):
-        found = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-    family, *_, address = found[0]
-    try:
-        return socket.create_server(address, family=family, dualstack_ipv6=family == socket.AF_INET6)
-    except OSError as error:
-        cause = os.strerror(error.errno or 0)
-        raise ServerError(
-            f"Cannot serve at {host}:{port} ({cause}); choose another --port, or 0 for any free one."
-        ) from error
-
-
-def address_of(host: str, port: int, public: PublicUrl | None = None) -> str:
-    """Return where a server is found, with "/" at its end."""
-    if public is not None:
-        return str(public)
-    host = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
-    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
-
-
 def serve_app(
     make: Callable[[Callable[[], object]], ASGIApp],
-    host: str,
-    port: int,
+    endpoint: Endpoint,
     token: str,
     path: str,
     ready: Callable[[str, str], None],
-    public: PublicUrl | None = None,
 ) -> None:
     """Serve an application other than the page until it ends itself, or Ctrl-C or SIGTERM.
 
@@ -357,25 +315,23 @@ def serve_app(
     ----------
     make : callable
         Makes the application, given a function that ends the server once it has sent its answers.
-    host, port : str, int
-        Where to listen; port 0 for any free one.
+    endpoint : Endpoint
+        Where to listen.
     token : str
         Required of every request.
     path : str
         Below the address of the server: ``ready`` is called with both, and the token.
-    public : PublicUrl, optional
-        The address at which a proxy offers it.
 
     Raises
     ------
     ServerError
         If the port is busy.
     """
-    listener = bind(host, port)
-    number = listener.getsockname()[1]
+    listener = endpoint.bind()
+    port = listener.getsockname()[1]
     app = make(lambda: threading.Timer(_FAREWELL_S, setattr, (server, "should_exit", True)).start())
-    server = limited_server(Guard(app, own_names(host), token, number, public))
-    ready(address_of(host, number, public) + path, token)
+    server = limited_server(Guard(app, endpoint, token, port))
+    ready(endpoint.url(port) + path, token)
     try:
         with limited_logs():
             asyncio.run(server.serve([listener]))

@@ -53,14 +53,6 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def own_names(host: str) -> frozenset[str]:
-    """Return the host names that a browser may use for a server bound to ``host``."""
-    if is_loopback(host):
-        return frozenset({"localhost", "127.0.0.1", "::1", host})
-    names = {host, "localhost", "127.0.0.1", "::1", socket.gethostname(), socket.getfqdn()}
-    return frozenset(name.lower() for name in names)
-
-
 @dataclass(frozen=True)
 class PublicUrl:
     """The address at which a proxy offers the server, as browsers write it.
@@ -74,14 +66,16 @@ class PublicUrl:
     path: str
 
     @classmethod
-    def parse(cls, text: str) -> Self:
-        """Return the address that ``--public-url`` gives; its path may lack the last "/".
+    def parse(cls, text: str | None) -> Self | None:
+        """Return the address that ``--public-url`` gives, if it is given; its path may lack the last "/".
 
         Raises
         ------
         ServerError
             If browsers cannot have it in their address bar.
         """
+        if text is None:
+            return None
         with contextlib.suppress(ValueError):
             parts = urlsplit(text)
             host, port = parts.hostname or "", parts.port
@@ -100,29 +94,87 @@ class PublicUrl:
         return self.origin + self.path
 
 
-def is_open(host: str, public: PublicUrl | None) -> bool:
-    """Return whether a server can be reached from other computers, directly or through its proxy."""
-    return not is_loopback(host) or (public is not None and not is_loopback(public.host))
+@dataclass(frozen=True)
+class Endpoint:
+    """Where a server listens.
+
+    Parameters
+    ----------
+    host : str
+        Address to bind.
+    port : int
+        0 chooses a free port.
+    public : PublicUrl, optional
+        The address at which a proxy offers the server.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 0
+    public: PublicUrl | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the server can be reached from other computers, directly or through its proxy."""
+        return not is_loopback(self.host) or (self.public is not None and not is_loopback(self.public.host))
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The host names that a browser may use."""
+        loopback = {self.host, "localhost", "127.0.0.1", "::1"}
+        if is_loopback(self.host):
+            return frozenset(loopback)
+        return frozenset(name.lower() for name in (*loopback, socket.gethostname(), socket.getfqdn()))
+
+    def url(self, port: int) -> str:
+        """Return where the server is found, once it listens at a port, with "/" at its end."""
+        if self.public is not None:
+            return str(self.public)
+        host = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
+        return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+
+    def own_token(self) -> str:
+        """Return the user's own token for loopback; a new one for networks, where it may be intercepted."""
+        return new_token() if self.is_open else kept_token()
+
+    def bind(self) -> socket.socket:
+        """Return a socket that listens.
+
+        Raises
+        ------
+        ServerError
+            If the port is busy or the host does not belong to this computer; the message gives the remedy.
+        """
+        host, port = self.host, self.port
+        if not 0 <= port <= 65535:
+            raise ServerError(f"Port {port} does not exist; use 0 (any free port) to 65535.")
+        with os_errors_as(ServerError, f"Host {host!r} is unknown", "Use 127.0.0.1."):
+            passive = socket.AI_PASSIVE
+            found = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=passive)
+        family, *_, address = found[0]
+        try:
+            return socket.create_server(address, family=family, dualstack_ipv6=family == socket.AF_INET6)
+        except OSError as error:
+            cause = os.strerror(error.errno or 0)
+            raise ServerError(
+                f"Cannot serve at {host}:{port} ({cause}); choose another --port, or 0 for any free one."
+            ) from error
+
+
+LOCAL = Endpoint()
+"""Any free port of this computer, for it alone."""
 
 
 class Guard:
     """ASGI middleware that refuses malformed requests, foreign hosts and origins, and missing tokens.
 
-    With ``token`` None no token is required. ``public`` is the address at which a proxy offers the server:
-    the proxy may keep its Host or set another, keep its path or remove it. Headers such as X-Forwarded-Host,
-    which anybody can send, are not read.
+    With ``token`` None no token is required. A proxy at the public address of the endpoint may keep its Host
+    or set another, keep its path or remove it. Headers such as X-Forwarded-Host, which anybody can send, are
+    not read.
     """
 
-    def __init__(
-        self,
-        app: ASGIApp,
-        names: frozenset[str],
-        token: str | None,
-        port: int,
-        public: PublicUrl | None = None,
-    ) -> None:
+    def __init__(self, app: ASGIApp, endpoint: Endpoint, token: str | None, port: int) -> None:
         self._app = app
-        self._public = public
+        self._public = public = endpoint.public
         self._remedy = (
             "Behind a proxy, start flatcloth with --public-url and the address that the browser shows."
             if public is None
@@ -130,7 +182,7 @@ class Guard:
         )
         # Browsers share cookies between the ports of a host, and two sessions may run at once.
         self._cookie_name = f"flatcloth_{port}"
-        self._names = names
+        self._names = endpoint.names
         self._token = token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -260,11 +312,6 @@ _TOKEN_FORM = "32 to 64 letters, digits, - and _, as 'openssl rand -hex 16' prin
 def new_token() -> str:
     """Return a new random token."""
     return secrets.token_urlsafe(24)
-
-
-def own_token(host: str, public: PublicUrl | None = None) -> str:
-    """Return the user's own token for loopback; a new one for networks, where it may be intercepted."""
-    return new_token() if is_open(host, public) else kept_token()
 
 
 def kept_token() -> str:

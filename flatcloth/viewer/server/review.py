@@ -21,12 +21,10 @@ from flatcloth.session.header import read_header
 from flatcloth.viewer.http import REFUSALS, RefusedError, post
 from flatcloth.viewer.places import Chosen
 from flatcloth.viewer.server.app import PageServer, serve_app
-from flatcloth.viewer.server.guard import given_token, kept_token
+from flatcloth.viewer.server.guard import Endpoint, given_token
 
 if TYPE_CHECKING:
     from flatcloth.viewer.server.app import Opener
-
-HOST = "127.0.0.1"
 
 
 class SessionPage:
@@ -47,7 +45,7 @@ class SessionPage:
         folder = folder.resolve()
         header = read_header(folder)
         with self._lock:
-            self._server = self._server or PageServer(port=0, opener=self._opener).start()
+            self._server = self._server or PageServer(opener=self._opener).start()
             self._server.open(Chosen("session", header.recording.location, folder, header))
             return self._server.url
 
@@ -118,8 +116,9 @@ def serve_review(out: Path, port: int, ready: Callable[[str, str], None], opener
     """
     sessions = SessionPage(opener)
     # Without a token, another user of this computer could open a session, and would get its address.
-    token = given_token(None) or kept_token()
+    endpoint = Endpoint(port=port)
+    token = given_token(None) or endpoint.own_token()
     try:
-        serve_app(lambda _end: review_app(out, sessions), HOST, port, token, f"?token={token}", ready)
+        serve_app(lambda _end: review_app(out, sessions), endpoint, token, f"?token={token}", ready)
     finally:
         sessions.close()

@@ -39,8 +39,6 @@ from flatcloth.viewer.routes.layers import check_routes, layer_routes, source_ro
 from flatcloth.viewer.routes.robot import RobotAnswers, robot_routes
 from flatcloth.viewer.scene.scene import Scene
 
-MAX_HAND_EYE_BYTES = 65536
-"""Limit of a hand-eye file that a page sends. Chosen: it has sixteen numbers."""
 _HAND_EYE = "Choose a hand-eye file (docs/grasps.md)."
 _SWAMPED_S = 0.05
 """Interval between checks whether an overloaded page can take messages again. Chosen."""
@@ -87,7 +85,7 @@ class Workspace:
                 *source_routes(page),
                 *check_routes(page),
                 Route("/export/grasps.json", self._grasps),
-                post("/hand-eye", msgspec.Raw, self._take_hand_eye, MAX_HAND_EYE_BYTES, _HAND_EYE),
+                post("/hand-eye", msgspec.Raw, self._take_hand_eye, hint=_HAND_EYE),
                 Route("/export/{name}", self.exports.serve),
                 Route("/teaching/{part}", TeachingRoutes(page).serve),
                 *page.routes(),
