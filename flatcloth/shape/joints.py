@@ -20,14 +20,12 @@ from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.graph import both_ends
 
-LEAST_EVIDENCE = 2.0
-"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
-Set by hand."""
+_DOUBTED_EVIDENCE = 2.0
+"""Evidence at which half as many joints are false as at none: two smooth pairs' without noise. Set by hand."""
 LEAST_PIECE = 12
-"""Fewest nodes of a piece that is kept, of a part that is doubted, and of an overlap that counts. Set by
-hand."""
+"""Fewest nodes of a piece that is kept, a part that is doubted, and an overlap that counts. Set by hand."""
 _FALSE_SHARE = 1.0 / 9.0
-"""Of parts that hardly any evidence joins, this share is false; beyond ``LEAST_EVIDENCE`` it falls with the
+"""Of parts that hardly any evidence joins, this share is false; beyond ``_DOUBTED_EVIDENCE`` it falls by the
 square. Measured on 43 noisy shapes: 9 of 114 with less than 1, 5 of 142 up to 4, 8 of 1,994 up to 64."""
 NEGLIGIBLE = 0.005
 """What is false more rarely leaves three deviations as they are. By definition: of what is called reliable,
@@ -99,7 +97,7 @@ def doubt_of(false: Float64, off_m: Float64) -> Float64:
 
 def false_share(evidence: Float64) -> Float64:
     """Return how probable it is that a joint is false, by its evidence as :func:`seen_often` has it."""
-    false: Float64 = _FALSE_SHARE / (1.0 + np.square(evidence / LEAST_EVIDENCE))
+    false: Float64 = _FALSE_SHARE / (1.0 + np.square(evidence / _DOUBTED_EVIDENCE))
     return false
 
 
@@ -114,7 +112,7 @@ def seen_often(evidence: Float64, views: Int64) -> Float64:
 
 def evidence_of(false: float) -> float:
     """Return the evidence of a joint that is false with this probability, as :func:`false_share` has it."""
-    return LEAST_EVIDENCE * math.sqrt(max(_FALSE_SHARE / max(false, 1e-12) - 1.0, 0.0))
+    return _DOUBTED_EVIDENCE * math.sqrt(max(_FALSE_SHARE / max(false, 1e-12) - 1.0, 0.0))
 
 
 def weak_joints(

@@ -32,7 +32,7 @@ def test_no_room_has_more_lines_than_its_budget(room: str, budget: int) -> None:
     assert lines_of(room) <= budget, f"{room}: take out what the change makes unnecessary"
 
 
-MOST_CONSTANTS = 177
+MOST_CONSTANTS = 178
 NUMERICS = ("shape", "flattening", "registration", "segmentation", "methods", "garments", "grasping")
 SOURCE = re.compile(
     r"[Pp]aper|[Ss]ection|Eq\.|data ?sheet|D435|Measured|measured (by|on|with)|[Ll]earned|benchmarks|evaluate"

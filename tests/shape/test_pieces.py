@@ -35,7 +35,7 @@ def pieces(
 
 @pytest.mark.parametrize(
     ("count", "evidence", "joined"),
-    [(0, 1.0, False), (1, 1.0, False), (1, 2.5, True), (2, 1.0, True), (10, 0.15, False), (10, 0.25, True)],
+    [(0, 1.0, False), (1, 0.9, False), (1, 1.1, True), (2, 0.6, True), (10, 0.05, False), (10, 0.15, True)],
 )
 def test_two_sheets_are_one_piece_from_enough_evidence_on(count: int, evidence: float, joined: bool) -> None:
     piece = pieces(TWO, RIM[:count], evidence)
