@@ -21,7 +21,7 @@ from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.graph import both_ends
 
 _DOUBTED_EVIDENCE = 2.0
-"""Evidence at which half as many joints are false as at none: two smooth pairs' without noise. Set by hand."""
+"""Evidence at which half as many joints are false as at none: two smooth pairs'. Set by hand."""
 LEAST_PIECE = 12
 """Fewest nodes of a piece that is kept, a part that is doubted, and an overlap that counts. Set by hand."""
 _FALSE_SHARE = 1.0 / 9.0
