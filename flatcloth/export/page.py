@@ -76,10 +76,10 @@ def page(session: OpenedSession) -> str:
 
 
 def filled(name: str, title: str, parts: Mapping[str, str], more_policy: str = "") -> str:
-    """Return a page of ``static/`` with title and parts in their places, which no text can leave.
+    """Return a page of ``static/`` with its title and parts filled in; no text can close its own element.
 
-    Common to all pages are policy, icon, style, and the script: the module with which the page starts has its
-    name, as its style sheet has.
+    All pages have a policy, an icon, a style sheet and a script; the module with which the script starts, and
+    the style sheet, have the ``name`` of the page.
     """
     static = static_folder()
     script, style = whole(static, f"{name}.js"), whole(static, f"{name}.css")

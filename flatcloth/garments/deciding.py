@@ -217,7 +217,7 @@ def _now_from_then(cloth: ClothPlaces, view: FlattenedView) -> Rigid2 | None:
 
 
 def decided_part(cloth: Cloth, part: Bool, probability: float, *, taken_off: bool) -> DecidedPart:
-    """Return the decision that a part (N,) is taken off or kept, tied to its cloth and the rest's."""
+    """Return the decision that a part (N,) is taken off or kept, by points of its cloth and of the rest."""
     rest = cloth.placed & ~part
     return DecidedPart(
         taken_off=taken_off,
@@ -256,8 +256,8 @@ def found_again(cloth: Cloth, decision: DecidedPart) -> Bool | None:
 def decided_parts(pieces: Sequence[Cloth], decisions: Sequence[DecidedPart]) -> DecidedParts:
     """Return the parts that were taken off pieces, or kept on them; of a part, the last decision counts."""
     last = [each for cloth in pieces for each in last_decisions(cloth, decisions)]
-    cut, kept = ([part for decision, part in last if decision.taken_off == off] for off in (True, False))
-    return DecidedParts(taken_off=cut, kept=kept, cut=cut)
+    off, kept = ([part for one, part in last if one.taken_off == is_off] for is_off in (True, False))
+    return DecidedParts(taken_off=off, kept=kept)
 
 
 def last_decisions(cloth: Cloth, decisions: Sequence[DecidedPart]) -> list[tuple[DecidedPart, Bool]]:

@@ -94,7 +94,7 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
 
 
 def place_elsewhere(fit: Fit, rest: PieceEvidence, own: PieceEvidence) -> tuple[Rigid2, float] | None:
-    """Return where else than joined a part belongs by a garment, and how probably; None: nowhere.
+    """Return where else a part of the shape belongs by a garment, and how probably; None if nowhere.
 
     The place is the motion ``shape_from_part``, its probability that against other places elsewhere; the
     garment is fitted again to the ``rest`` of the shape, from all optima of ``fit``.

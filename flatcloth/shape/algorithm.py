@@ -70,7 +70,7 @@ def as_decided(whole: Shape, parts: DecidedParts, upright: int) -> Shape:
     for part in parts.taken_off:
         holds &= part[first] == part[second]
     laid = laid_out(whole.graph, holds, whole.vouched)
-    laid = replace(laid, piece=with_main(laid.piece, whole.placed, *parts.cut))
+    laid = replace(laid, piece=with_main(laid.piece, whole.placed, *parts.taken_off))
     return _shape(whole, whole.graph, whole.links, laid, whole.vouched, upright, whole.scale, parts.kept)
 
 

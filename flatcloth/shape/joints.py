@@ -21,7 +21,7 @@ from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.graph import both_ends
 
 _DOUBTED_EVIDENCE = 2.0
-"""Evidence at which half as many joints are false as at none: two smooth pairs'. Set by hand."""
+"""Evidence, that of two smooth pairs, at which half as many joints are false as at none. Set by hand."""
 LEAST_PIECE = 12
 """Fewest nodes of a piece that is kept, a part that is doubted, and an overlap that counts. Set by hand."""
 _FALSE_SHARE = 1.0 / 9.0
@@ -38,11 +38,10 @@ _REACH = 1.2
 
 
 class DecidedParts(NamedTuple):
-    """Parts of a shape, each (N,) of its nodes, that were taken off, or kept or ``cut`` by the operator."""
+    """Parts of a shape, each (N,) of its nodes, that are taken off, or kept by the operator."""
 
     taken_off: Sequence[Bool] = ()
     kept: Sequence[Bool] = ()
-    cut: Sequence[Bool] = ()
 
 
 @dataclass(frozen=True)

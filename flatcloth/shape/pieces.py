@@ -18,7 +18,7 @@ from flatcloth.shape.graph import Graph, pairs_once, uv_of
 from flatcloth.shape.joints import LEAST_PIECE, branches_of
 
 LEAST_EVIDENCE = 1.0
-"""Evidence that joins two parts: a smooth pair's. Chosen: with 2 crumpled cloth falls apart."""
+"""Least evidence that joins two parts, that of a smooth pair. Chosen: with 2, crumpled cloth falls apart."""
 LEAST_CORE = 40
 """Fewest nodes of a part that needs so much evidence to be joined; smaller ones are joined by any. Set by
 hand: with 12, a tenth of what is called reliable of one kept-back shirt is wrong."""

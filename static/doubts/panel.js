@@ -322,7 +322,7 @@ export class DoubtsPanel extends PagePart {
     this.later = this.isBehind;
     if (this.later) {
       this.want();
-      return page.notify("info", "The shape is being drawn; it is decided then.");
+      return page.notify("info", "The shape is being drawn; this is decided once it is there.");
     }
     const how = this.choice?.how ?? (doubt.kind === "piece" ? "hand" : "place");
     const place = this.choice ? motionOf(this.choice) : canvas.motion;

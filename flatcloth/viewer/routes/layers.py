@@ -30,13 +30,13 @@ from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.picture import place_in_view
 from flatcloth.viewer.protocol.sent import SeenView, SeenViews
 
-KEPT = 16
+PICTURES_KEPT = 16
 """Pictures that are kept, of each kind. Chosen: more than the layers of one state."""
 
 
 def layer_routes(page: PageController) -> list[BaseRoute]:
     """Return the routes of the pictures of what a page shows."""
-    pngs: Cache[bytes | None] = Cache(KEPT)
+    pngs: Cache[bytes | None] = Cache(PICTURES_KEPT)
     differences: Cache[Difference] = Cache(1)
 
     def serve(request: Request) -> bytes | None:
@@ -91,7 +91,7 @@ _EDGE = (255, 210, 60, 255)
 def source_routes(page: PageController) -> list[BaseRoute]:
     """Return the routes of the source images, and of the views that saw a pick of a page."""
     integration = page.integration
-    kept: Cache[Any] = Cache(KEPT)
+    kept: Cache[Any] = Cache(PICTURES_KEPT)
 
     def axis_key() -> bytes:
         return integration.axis.point_m.tobytes() + integration.axis.direction.tobytes()
@@ -189,7 +189,7 @@ def mask_rgba(item: Bool) -> Uint8:
 def check_routes(page: PageController) -> list[BaseRoute]:
     """Return ``GET /check.json`` and ``GET /check/{finding}.png``; the first request makes the check."""
     recording, views = page.integration.recording, page.integration.views
-    pictures: Cache[bytes | None] = Cache(KEPT)
+    pictures: Cache[bytes | None] = Cache(PICTURES_KEPT)
 
     one_at_a_time = threading.Lock()
 

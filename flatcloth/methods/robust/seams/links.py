@@ -120,7 +120,7 @@ class SideJoint:
     """Cloth of a ``side`` (0 this, 1 the other) that joins a ``part`` (N,) of the nodes of a ``piece``.
 
     ``evidence`` joins it; ``false`` is the probability that it does so falsely, ``is_false`` whether it is
-    torn, which cloth of this side never is. Torn there, fewer true edges speak against the sets at its ends:
+    cut, as only cloth of the other side is. Cut there, fewer true edges speak against the sets at its ends:
     by ``relief`` e-folds.
     """
 
