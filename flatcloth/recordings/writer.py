@@ -375,7 +375,7 @@ def write_masks(
     Raises
     ------
     RecordingError
-        If the folder holds something else, or cannot be written.
+        If the folder cannot be written.
     """
     with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
         folder.mkdir(parents=True, exist_ok=True)

@@ -10,9 +10,8 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 import pytest
-from garment_evidence import at_mean, blank_view, cloth_of, evidence_from
+from garment_evidence import at_mean, blank_view, evidence_from
 from route_client import RouteClient
-from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.types import Rigid2
@@ -28,6 +27,7 @@ from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.doubts import DoubtService
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.protocol import messages as asked
+from flatcloth.viewer.protocol.picture import Picture, layers_of
 from flatcloth.viewer.worker import Executor
 
 LAID = Rigid2(0.0, -4.9, 0.02)
@@ -59,15 +59,8 @@ class Service:
         self._known = KnownGarment(
             canonical=self.canonical, evidence=(evidence,), by_evidence=found, found=found, pieces=nothing
         )
-        row, col = (each.ravel() for each in np.mgrid[0:40:4, 0:40:4])
-        at = self.canonical.view.uv_from_rc(np.stack([row, col], axis=1))
-        edges = cKDTree(at).query_pairs(0.0085, output_type="ndarray").astype(np.int32)
-        xyz = self.canonical.view.xyz_m[row, col].astype(float)
-        self.cloth = cloth_of(at, xyz, edges, np.ones(len(edges)))
         self.error: Exception | None = None
         self.is_none = False
-        self.integration = self
-        self.algorithm = self
 
     def of(self, document: Document) -> KnownGarment:
         if self.error is not None:
@@ -139,6 +132,13 @@ def page(service):
     made = Page(service)
     yield made
     made.executor.stop()
+
+
+def test_a_floating_piece_is_listed_with_the_file_that_holds_it(service) -> None:
+    sheet = lay_out(service.canonical)
+    rest: dict[str, Any] = dict.fromkeys(("revision", "present_view", "angle_deg", "cloud"), 0)
+    pieces = layers_of(Picture(view=sheet.view, sheet=sheet, legends={}, **rest)).pieces
+    assert [(one.label, one.file) for one in pieces] == [("B", "floating-2.npz"), ("C", "floating-1.npz")]
 
 
 def test_a_piece_is_proposed_with_its_probability_and_where_it_would_lie(page) -> None:

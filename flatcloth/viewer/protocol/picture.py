@@ -568,12 +568,12 @@ def layers_of(shown: Picture | OtherSheet) -> sent.Layers:
     """Return the layers of the shape, of a frame, or of the other side; a proposal lies on the shape only."""
     sheet, is_shape = shown.sheet, isinstance(shown, Picture)
     file_of = floating_file if is_shape else other_floating_file
-    pieces = [] if sheet is None else pieces_of(sheet)
+    pieces = () if sheet is None else zip(sheet.pieces, pieces_of(sheet), strict=True)
     return sent.Layers(
         revision=shown.revision,
         area_cm2=1e4 * (shown.view.area_m2 if sheet is None else sheet.shape_m2),
         pieces=typed(
-            [{"file": file_of(n), **piece} for n, piece in enumerate(pieces, start=1)],
+            [{"file": file_of(piece.number), **about} for piece, about in pieces],
             tuple[sent.FloatingPiece, ...],
         ),
         legends=shown.legends,
