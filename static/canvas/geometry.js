@@ -135,11 +135,8 @@ export function unapplied(/** @type {Motion} */ [theta, du, dv], /** @type {numb
 /** @param {Box} a @param {Box} b */
 export const contains = (a, b) => a.left <= b.left && a.top <= b.top && a.right >= b.right && a.bottom >= b.bottom;
 
-export const inBox = (
-  /** @type {Box} */ { left, top, right, bottom },
-  /** @type {number} */ u,
-  /** @type {number} */ v,
-) => u >= left && u <= right && v >= top && v <= bottom;
+/** @type {(box: Box, u: number, v: number) => boolean} */
+export const inBox = ({ left, top, right, bottom }, u, v) => u >= left && u <= right && v >= top && v <= bottom;
 
 export const grown = (/** @type {Box} */ box, /** @type {number} */ by) => ({
   left: box.left - by,

@@ -108,11 +108,8 @@ function offOf({ ends_uv_m, length_m }, by) {
 }
 
 /** Whether outlines hold a place: an odd number of their edges is crossed on the way out. */
-export function holds(
-  /** @type {{ outline_uv_m: UV[][] }} */ { outline_uv_m },
-  /** @type {number} */ u,
-  /** @type {number} */ v,
-) {
+/** @type {(part: { outline_uv_m: UV[][] }, u: number, v: number) => boolean} */
+export const holds = ({ outline_uv_m }, u, v) => {
   let inside = false;
   for (const loop of outline_uv_m)
     loop.forEach(([u1, v1], n) => {
@@ -120,4 +117,4 @@ export function holds(
       if (v0 > v !== v1 > v && u < u0 + ((v - v0) / (v1 - v0)) * (u1 - u0)) inside = !inside;
     });
   return inside;
-}
+};

@@ -13,6 +13,7 @@ import { cm2, mm, number, percent } from "../page/format.js";
 const HIT_PX = 10;
 const MOST_ROWS = 8;
 const SAME = 1e-6;
+const SAME_M = 0.02; // what is nearest to where it was, in another list, is the same
 const LEAST = 0.005; // what is less probable is shown when it is asked for
 const HERE = "Place it here";
 const RESTS_MS = 1500; // from a change of the shape until what nobody looks at is asked for
@@ -109,16 +110,20 @@ export class DoubtsPanel extends PagePart {
     return this.found === null;
   }
 
-  /** A list has come: what was looked at is looked at on; else the weakest is asked about first. */
+  /** A list has come: what was looked at is looked at on, or decided about now; else the weakest is asked about first. */
   take() {
-    const [before, title] = [this.doubt, this.choice?.title];
+    const [before, title, { later, grabbed, canvas }] = [this.doubt, this.choice?.title, this];
     this.found = this.fetched.value;
-    const same = this.list.findIndex(({ kind, title }) => kind === before?.kind && title === before.title);
+    const offs_m = this.list.map((doubt) => (before ? offOf(doubt, before) : Infinity));
+    const same = offs_m.findIndex((off_m) => off_m < SAME_M && off_m === Math.min(...offs_m));
     const weak = this.list.findIndex((doubt) => doubt.weak);
-    if (this.grabbed !== null) this.grabbed = same >= 0 ? same : null;
-    if (this.later) return this.decideNow(same, title);
-    if (same >= 0 && this.canvas.isMoved) this.chosen = same;
+    const at = this.list[same]?.choices.findIndex((choice) => choice.title === title) ?? -1;
+    if (grabbed !== null) this.grabbed = same >= 0 ? same : null;
+    if (same >= 0 && canvas.isMoved) Object.assign(this, { chosen: same, at, later: false });
     else this.choose(same >= 0 ? same : weak >= 0 ? weak : null);
+    if (at > 0 && !canvas.isMoved) this.look(at);
+    if (later && same >= 0 && this.choice?.title === title) this.decide();
+    if (later && !this.later) this.grabbed = null;
   }
 
   /** Whether the list is not of the shape that is shown. */
@@ -384,18 +389,6 @@ export class DoubtsPanel extends PagePart {
     if (!this.later) this.grabbed = null;
   }
 
-  /**
-   * Do what was decided before the list was there, if it is still in doubt.
-   * @param {number} same its number in the list, or -1 @param {string | undefined} title of its choice
-   */
-  decideNow(same, title) {
-    this.later = false;
-    const isDropped = this.grabbed !== null;
-    if (!isDropped) this.chosen = same >= 0 ? same : null;
-    if (this.choice?.title === title) this.decide();
-    if (isDropped && !this.later) this.grabbed = null;
-  }
-
   /** A click asks about the cloth there. */
   click(/** @type {number} */ u, /** @type {number} */ v) {
     if (!this.shown || !this.found || this.page.state.pending) return false;
@@ -504,6 +497,15 @@ export const motionOf = (/** @type {Choice} */ { placement: { theta_rad, u_m, v_
 
 /** The outlines of its cloth, moved by so much. @param {Doubt} doubt @param {Motion} by */
 export const loopsAt = ({ outline_uv_m }, by) => outline_uv_m.map((loop) => loop.map(([u, v]) => applied(by, u, v)));
+
+/** How far apart the places of the item are that two doubts are about. @param {Doubt} a @param {Doubt} b */
+function offOf(a, b) {
+  const [p, q] = [a, b].map(({ seam_xyz_m, part_xyz_m }) => (seam_xyz_m.length ? seam_xyz_m : part_xyz_m));
+  const off_m = [0, 1, 2].map((axis) => mean(p.map((at) => at[axis])) - mean(q.map((at) => at[axis])));
+  return a.kind === b.kind && a.side === b.side ? Math.hypot(...off_m) : Infinity;
+}
+
+const mean = (/** @type {number[]} */ all) => all.reduce((sum, one) => sum + one, 0) / all.length;
 
 const placeOf = (/** @type {Doubt} */ { choices }) => choices.find(({ how }) => how === "place");
 

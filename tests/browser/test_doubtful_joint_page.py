@@ -63,6 +63,8 @@ def test_a_doubtful_shape_is_found_understood_and_repaired_by_four_keys_that_the
 
     page.keyboard.press("u")
     tab.until("!flatcloth.state.drawing && !flatcloth.state.layers.pieces.some((piece) => piece.placed)")
+    tab.until("!flatcloth.doubts.isBehind")
+    page.evaluate("flatcloth.doubts.open(0)")
     the_part_is_turned_by_its_handle_and_snaps(tab)
     what_is_cut_off_is_told_as_the_operators_doing(tab)
 

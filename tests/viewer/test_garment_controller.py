@@ -32,6 +32,7 @@ from flatcloth.viewer.worker import Executor
 
 LAID = Rigid2(0.0, -4.9, 0.02)
 TWO_VIEWS = Document(start_view=0, accepted=(Accepted(1, Rigid2()),))
+THREE_VIEWS = Document(start_view=0, accepted=(Accepted(1, Rigid2()), Accepted(2, Rigid2())))
 
 
 def view_at(u_m: float, rows: int = 40):
@@ -166,14 +167,21 @@ def test_a_decision_about_a_piece_is_told_and_undone(page, accepted) -> None:
     assert "cut" in choices
 
 
+def test_a_list_is_decided_by_until_the_shape_changes_even_when_more_became_known(page) -> None:
+    _, _, revision = page.piece()
+    page.controller.forget()
+    assert page.piece()[2] > revision
+    assert page.doubts.decision(asked.Decide(revision=revision, index=0, how="cut"))
+    page.piece(THREE_VIEWS)
+    with pytest.raises(FlatclothError, match="look again"):
+        page.doubts.decision(asked.Decide(revision=revision, index=0, how="cut"))
+
+
 def test_what_is_not_there_is_refused_in_words(page) -> None:
     with pytest.raises(FlatclothError, match="recognised"):
         page.decide(asked.SetKind(kind="skirt"))
     page.follow()
-    for message in (
-        asked.SetKind(kind="sock"),
-        asked.HoldPoint(name="crotch", u_m=0.0, v_m=0.0),
-    ):
+    for message in (asked.SetKind(kind="sock"), asked.HoldPoint(name="crotch", u_m=0.0, v_m=0.0)):
         with pytest.raises(FlatclothError, match=r"no (kind|point)"):
             page.decide(message)
     unseen = next(p.name for p in page.controller.info().found.points if not p.seen)
@@ -195,8 +203,7 @@ def test_nothing_is_recognised_of_one_view_or_while_auto_runs_and_a_reason_is_to
 
 def test_while_auto_changes_the_shape_nothing_is_decided_by_the_garment_of_an_earlier_one(page) -> None:
     page.piece()
-    three = dataclasses.replace(TWO_VIEWS, accepted=(*TWO_VIEWS.accepted, Accepted(2, Rigid2())))
-    page.controller.follow(three, busy=True)
+    page.controller.follow(THREE_VIEWS, busy=True)
     assert page.controller.info().working
     assert page.controller.current is None
     page.controller.follow(TWO_VIEWS, busy=True)

@@ -66,7 +66,7 @@ class DoubtService:
 
     def __init__(self, page: PageController, garment: GarmentController, other: OtherSideController) -> None:
         self._page, self._garment, self._other = page, garment, other
-        self._shape: _Shape | None = None
+        self._shapes: dict[int, _Shape] = {}  # by revision: of the shown document, as more became known of it
         self._key: object = None
         self._revision = 0
         self._joints: Cache[tuple[Cloth, list[Joint]]] = Cache(4)
@@ -79,13 +79,14 @@ class DoubtService:
     def follow(self, picture: Picture | None) -> int | None:
         """Return the revision of the list about the shape shown, if any; called on the page's own thread."""
         if picture is None or picture.document is None or picture.sheet is None:
-            self._shape = self._key = None
+            self._shapes, self._key = {}, None
             return None
         known, made, document = self._garment.current, self._other.made, picture.document
         key = picture.revision, document.garment, id(known), id(made), self._other.is_working
         if self._key != key:
+            same = {n: shape for n, shape in self._shapes.items() if shape.document is document}
             self._key, self._revision = key, self._revision + 1
-            self._shape = _Shape(self._revision, picture, document, known, made)
+            self._shapes = {**same, self._revision: _Shape(self._revision, picture, document, known, made)}
         return self._revision
 
     def decision(self, asked: Decide) -> Sequence[Command]:
@@ -99,19 +100,17 @@ class DoubtService:
         found = self._list(asked.revision)
         if asked.index >= len(found):
             raise FlatclothError(CHANGED)
-        doubt, decide = found[asked.index]
-        if doubt.kind == "seam" and self._other.is_working:
-            raise FlatclothError(CHANGED)
-        return decide(asked.how, Rigid2(*asked.place))
+        return found[asked.index][1](asked.how, Rigid2(*asked.place))
 
     def _list(self, revision: int) -> list[tuple[Doubt, Decider]]:
-        shape = self._shape
-        if shape is None or shape.revision != revision:
+        shape = self._shapes.get(revision)
+        if shape is None:
             raise FlatclothError(CHANGED)
         return self._lists.get((shape,), lambda: [*self._of_joints(shape), *self._of_rest(shape)])
 
     def _info(self, request: Request) -> DoubtsInfo:
-        revision, shape = request.path_params["revision"], self._shape
+        revision = request.path_params["revision"]
+        shape = self._shapes.get(revision)
         try:
             doubts = [doubt for doubt, _ in self._list(revision)]
         except FlatclothError as error:

@@ -2,19 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
 from made_up_sheets import STEP_M, grid, observed, off_m, shape_of
 from scenes import Cylinder
 
-from flatcloth.core.config import Config
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, RgbdFrame, Rigid2
 from flatcloth.engine.integration import Integration
-from flatcloth.methods.base import Views
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.session.document import NO_COMPONENT, Accepted, Document, Pending
 from flatcloth.shape.observations import Observation
@@ -219,14 +215,6 @@ def test_the_order_of_other_views_changes_nothing_about_what_was_laid_by_hand(to
 
 UV = grid(10, 24)
 EVERYTHING = np.ones(len(UV), dtype=bool)
-
-
-def method_of(shape: Shape) -> RobustMethod:
-    made = RobustMethod(
-        cast("Views", SimpleNamespace(config=Config(), held_point_m=np.zeros(3))), (0.0, 10.0, 20.0)
-    )
-    made.shapes = cast("Any", SimpleNamespace(of=lambda _: shape))
-    return made
 
 
 def views_of_the_sheet(share: float) -> Sequence[Observation]:
