@@ -1,11 +1,10 @@
 """The side of interest without masks: how right it is, unaided and with strokes, and how sure it says it is.
 
-Recordings with truth, their masks taken away. A simulated operator strokes with a brush of 2 cm in the
-middle of the largest error that he sees in any view, never nearer than 10 mm to a boundary. Wrong is
-by area: every surface pixel of every view counts with the cloth under it. Unaided, the side is the
-one that the start view shows most, as it is for an operator who has not said otherwise.
-
-Another one strokes where the program asks for it. What the certainty says is compared with what is right.
+Recordings with truth, their masks taken away. A simulated operator strokes where the program asks for it,
+with a brush of 2 cm, never nearer than 10 mm to a boundary. Wrong is by area: every surface pixel of every
+view counts with the cloth under it. Unaided, the side is the one that the start view shows most, as it is for
+an operator who has not said otherwise. What the certainty says is compared with what is right; time and
+coverage of the integration, with those of the masks.
 """
 
 from __future__ import annotations
@@ -19,13 +18,15 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks import accuracy
 from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, Row, recordings_of, save, say
-from benchmarks.unattended import side_solver
+from benchmarks.unattended import integrated, integrated_sides, side_solver
 from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Bool, Float32, Float64
 from flatcloth.engine.segmenting import masked
 from flatcloth.recordings import open_recording
+from flatcloth.recordings.options import Mends, SourceOptions
 from flatcloth.recordings.truth import Truth
 from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.observed import Evidence
@@ -33,11 +34,9 @@ from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
 from flatcloth.segmentation.settings import SURE
 from flatcloth.segmentation.solver import SideSolver
 
-STROKES = 6
-ASKED = 3
+STROKES = 3
 RADIUS_M, LEAST_RADIUS_M = 0.010, 0.002
 MARGIN_M = 0.010
-LEAST_ERROR_M2 = 4e-4
 STEP_M = 0.010
 BINS = (0.5, 0.7, 0.8, 0.9, 0.95, 1.01)
 
@@ -105,33 +104,6 @@ def scored(found: Segmentation, truth: dict[int, Seen]) -> Score:
         total += float(area.sum())
     wrong = 1.0 - right / said if said > 0 else 0.0
     return Score(wrong, right / max(side, 1e-9), undecided / total, error / total)
-
-
-def stroke_at_largest_error(found: Segmentation, truth: dict[int, Seen]) -> ImageStroke | None:
-    """Return the operator's next stroke; None if no error is left that can be stroked."""
-    best: tuple[float, ImageStroke | None] = (LEAST_ERROR_M2, None)
-    for n, view in found.observed.views.items():
-        label, seen = shown(found.observed, found.side, n), truth[n]
-        for wanted in (1, -1):
-            wrong = (seen.side == wanted) & (label != wanted) & (label != NO_ITEM)
-            if float(view.area_m2[wrong].sum()) <= best[0]:
-                continue
-            count, region = cv2.connectedComponents(wrong.astype(np.uint8), connectivity=4)
-            area = np.bincount(region.ravel(), np.where(wrong, view.area_m2, 0.0).ravel(), count)
-            deep = np.zeros(count)
-            np.maximum.at(deep, region.ravel(), np.where(wrong, seen.inside_m, 0.0).ravel())
-            area[deep < MARGIN_M + 0.4 * RADIUS_M] = 0.0
-            k = int(area.argmax())
-            if area[k] > best[0]:
-                at = np.unravel_index(int(np.where(region == k, seen.inside_m, -1.0).argmax()), wrong.shape)
-                stroke = ImageStroke(
-                    side="this" if wanted == 1 else "other",
-                    view_index=n,
-                    points_rc=((float(at[0] + view.offset_rc[0]), float(at[1] + view.offset_rc[1])),),
-                    radius_m=min(RADIUS_M, float(deep[k]) - MARGIN_M),
-                )
-                best = float(area[k]), stroke
-    return best[1]
 
 
 def side_shown_first(found: Segmentation, truth: Truth) -> tuple[int, bool]:
@@ -208,52 +180,64 @@ def reliability(rows: Sequence[Said]) -> list[dict[str, float]]:
 def after_one_stroke(recording: Any, truth: Any) -> Remembered:
     """Return the recording with the masks that are found without its own, and by one stroke."""
     solver = side_solver(recording)
-    found = solver.solve(())
-    stroke = stroke_at_largest_error(found, seen_truth(solver.observed, truth, truth.panel_of_interest, True))
-    return Remembered(masked(recording, found if stroke is None else solver.solve([stroke])))
+    stroke = stroke_where_asked(solver, (), seen_truth(solver.observed, truth, truth.panel_of_interest, True))
+    return Remembered(masked(recording, solver.solve(() if stroke is None else [stroke])))
 
 
-def measured(source: str, strokes: int = STROKES) -> tuple[Row, list[Said]]:
-    """Measure one recording; return also what is said, unaided and after each stroke that is asked for."""
+def beside_masks(source: str, truth: Truth, found: Segmentation) -> Row:
+    """Return the processor time of a run without masks over one with them, and the coverage of both shapes.
+
+    The run has no stroke; the shape has those of ``found``, so that it is of the same side.
+    """
+    made = (Mends(without_masks=without) for without in (False, True))
+    with_masks, without = (Remembered(open_recording(source, SourceOptions(mends=own))) for own in made)
+    seconds, shapes = [], []
+    for recording in (with_masks, without):
+        for n in range(len(recording)):
+            recording[n]
+        began = time.process_time()
+        service, document = integrated_sides(recording)
+        seconds.append(time.process_time() - began)
+        shapes.append((service.integration, document))
+    shapes[1] = integrated(Remembered(masked(with_masks, found)))
+    covered, own = (accuracy.figures_of(*made, truth)["coverage"] for made in shapes)
+    return {"time_ratio": round(seconds[1] / seconds[0], 3), "covered_with_masks": covered, "covered": own}
+
+
+def measured(source: str) -> tuple[Row, list[Said]]:
+    """Measure one recording; return also what is said, unaided and after each stroke."""
     recording, truth = Remembered(open_recording(source)), Truth(source)
     for n in range(len(recording)):  # read before the time is taken
         recording[n]
-    began, cpu = time.perf_counter(), time.process_time()
+    began = time.process_time()
     solver = side_solver(recording)
     found, observed = solver.solve(()), solver.observed
-    prepare = time.perf_counter() - began, time.process_time() - cpu
+    prepare_s = time.process_time() - began
     first = seen_truth(observed, truth, *side_shown_first(found, truth))
     true = seen_truth(observed, truth, truth.panel_of_interest, True)
-    unaided = scored(found, first)
-    scores, decisions, seconds = [scored(found, true)], list[Decision](), list[float]()
-    for _ in range(strokes):
-        stroke = stroke_at_largest_error(found, true)
+    scores, rows, seconds = [scored(found, true)], [said(solver, (), first)], [0.0]
+    decisions = list[Decision]()
+    for _ in range(STROKES):
+        stroke = stroke_where_asked(solver, decisions, true)
         if stroke is not None:
             decisions.append(stroke)
-            cpu = time.process_time()
-            found = solver.solve(decisions)
-            seconds.append(time.process_time() - cpu)
-        scores.append(scored(found, true))
-    asked, answers, rows = [scores[0]], list[Decision](), [said(solver, (), first)]
-    for _ in range(ASKED):
-        stroke = stroke_where_asked(solver, answers, true)
-        if stroke is not None:
-            answers.append(stroke)
-        asked.append(scored(solver.solve(answers), true))
-        rows.append(said(solver, answers, true))
+            began = time.process_time()
+            solver.solve(decisions)
+            seconds.append(time.process_time() - began)
+        scores.append(scored(solver.solve(decisions), true))
+        rows.append(said(solver, decisions, true))
     row: Row = {
         "recording": recording.name,
         "garment": truth.garment,
         "clusters": observed.clusters.count,
-        "prepare_s": round(prepare[0], 2),
-        "prepare_cpu_s": round(prepare[1], 2),
-        "stroke_cpu_s": round(max(seconds, default=0.0), 3),
-        "unaided": _table(unaided),
+        "prepare_cpu_s": round(prepare_s, 2),
+        "stroke_cpu_s": round(max(seconds), 3),
+        "unaided": _table(scored(found, first)),
         "certainty_unaided": round(solver.solve(()).mean_certainty, 3),
         "wrong_doubted": round(doubted(rows[:1]), 3),
         "strokes": [_table(score) for score in scores],
-        "asked": [_table(score) for score in asked],
         "made": len(decisions),
+        **beside_masks(source, truth, solver.solve(decisions[:1])),
     }
     return row, rows
 
@@ -266,7 +250,7 @@ def run(options: Options) -> None:
     """Measure, print and write ``results/segmentation.json``."""
     table, rows = [], list[list[Said]]()
     for source in sources(options.recordings):
-        row, own = measured(source, 2 if options.quick else STROKES)
+        row, own = measured(source)
         table.append(row)
         rows.append(own)
         say("   ".join(f"{key} {value}" for key, value in row.items()))

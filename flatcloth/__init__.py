@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from flatcloth.core.errors import GarmentError as GarmentError
     from flatcloth.core.errors import RecordingError as RecordingError
     from flatcloth.core.geometry import Rigid3 as Rigid3
-    from flatcloth.core.strokes import Cut as Cut
     from flatcloth.core.strokes import ImageStroke as ImageStroke
     from flatcloth.core.strokes import SpaceStroke as SpaceStroke
     from flatcloth.core.types import FlattenedView as FlattenedView
@@ -60,7 +59,7 @@ _HOMES = {
     "flatcloth.core.config": ("Config",),
     "flatcloth.core.errors": ("CancelledError", "FlatclothError", "GarmentError", "RecordingError"),
     "flatcloth.core.geometry": ("Rigid3",),
-    "flatcloth.core.strokes": ("Cut", "ImageStroke", "SpaceStroke"),
+    "flatcloth.core.strokes": ("ImageStroke", "SpaceStroke"),
     "flatcloth.core.types": ("FlattenedView", "Intrinsics", "RgbdFrame", "RotationAxis"),
     "flatcloth.engine.headless": ("ViewDecision",),
     "flatcloth.engine.integration": ("Integration",),

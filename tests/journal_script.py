@@ -8,7 +8,7 @@ from pathlib import Path
 from tiny_recordings import MemoryRecording
 
 from flatcloth.core.config import Config
-from flatcloth.core.strokes import Cut
+from flatcloth.core.strokes import SpaceStroke
 from flatcloth.core.types import Rigid2
 from flatcloth.session.document import Side
 from flatcloth.session.garment import ClothPlaces
@@ -74,8 +74,7 @@ AGAIN: tuple[Command | Event, ...] = (
 """The first of three accepted views is decided again, and the others follow it."""
 
 CLOTH = ClothPlaces(((0.0, 0.1, 0.8), (0.1, 0.1, 0.8), (0.0, 0.2, 0.8)), ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1)))
-CUT = Cut(points_m=CLOTH.points_m[:2], normals=((0.0, 0.0, -1.0),) * 2,
-          beyond_m=(0.0, 0.2, 0.8), beyond_normal=(0.0, 0.0, -1.0))  # fmt: skip
+STROKE = SpaceStroke(side="other", points_m=CLOTH.points_m[:2], normals=((0.0, 0.0, -1.0),) * 2)
 
 
 def opened(place: Path) -> SessionFolder:

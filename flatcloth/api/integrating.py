@@ -116,7 +116,7 @@ def integrate(
     session : path, optional
         Folder in which each decision is saved when it is made. A session that is there is continued; the
         operator page and :func:`open_session` open it. Without it nothing is written.
-    strokes : sequence of ImageStroke, SpaceStroke or Cut
+    strokes : sequence of ImageStroke or SpaceStroke
         An operator's strokes about the side of interest, for a recording without masks.
     progress : callable, optional
         Called with a share (0 to 1) and a text.

@@ -1,4 +1,4 @@
-"""An operator's evidence of sides: strokes and cuts, as plain values that can be journaled and replayed."""
+"""An operator's evidence of sides: strokes, as plain values that can be journaled and replayed."""
 
 from __future__ import annotations
 
@@ -65,23 +65,9 @@ class SpaceStroke:
     radius_m: Radius = 0.010
 
 
-@dataclass(frozen=True, kw_only=True)
-class Cut:
-    """A line across the cloth: what lies beyond it is not of interest.
+Decision = ImageStroke | SpaceStroke
 
-    ``points_m`` and ``normals`` in the object frame, as in :class:`SpaceStroke`; ``beyond_m`` a place
-    on the cloth beyond the line, ``beyond_normal`` its normal.
-    """
-
-    points_m: Places
-    normals: Normals
-    beyond_m: Place
-    beyond_normal: Normal
-
-
-Decision = ImageStroke | SpaceStroke | Cut
-
-_KINDS: dict[str, type[Decision]] = {"image": ImageStroke, "space": SpaceStroke, "cut": Cut}
+_KINDS: dict[str, type[Decision]] = {"image": ImageStroke, "space": SpaceStroke}
 
 
 def why_off_image(decision: Decision, n_views: int, height: int, width: int) -> str | None:
@@ -99,7 +85,7 @@ def why_off_image(decision: Decision, n_views: int, height: int, width: int) -> 
 def _from_plain(table: Any, where: str) -> Decision:
     name = table.get("kind") if isinstance(table, Mapping) else None
     if not isinstance(name, str) or name not in _KINDS:
-        raise SegmentationError(f"{where}: no stroke or cut; its kind is one of {', '.join(_KINDS)}.")
+        raise SegmentationError(f"{where}: no stroke; its kind is one of {', '.join(_KINDS)}.")
     kind = _KINDS[name]
     unknown = sorted(set(table) - set(kind.__dataclass_fields__) - {"kind"})
     if unknown:

@@ -1,4 +1,4 @@
-"""Which clusters lie under a brush stroke, and which lie beyond a cut."""
+"""Which clusters lie under a brush stroke."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import SegmentationError
-from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
+from flatcloth.core.strokes import Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.settings import SETTINGS
@@ -34,8 +34,7 @@ def under(observed: Evidence, stroke: ImageStroke | SpaceStroke, name: str) -> I
 
 def under_strokes(observed: Evidence, decisions: Sequence[Decision]) -> Int64:
     """Return the clusters (K,) that any of these strokes touches."""
-    strokes = [each for each in decisions if not isinstance(each, Cut)]
-    touched = [under(observed, stroke, f"stroke {n}") for n, stroke in enumerate(strokes, start=1)]
+    touched = [under(observed, stroke, f"stroke {n}") for n, stroke in enumerate(decisions, start=1)]
     return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
 
 
@@ -69,48 +68,6 @@ def _under_image(observed: Evidence, stroke: ImageStroke, name: str) -> Int64:
     painted = (own > 0) & (np.abs(depth - own) <= SETTINGS.near_m)
     label = view.cluster[grid[painted, 0], grid[painted, 1]]
     return np.unique(label[label >= 0]).astype(np.int64)
-
-
-def beyond(observed: Evidence, cut: Cut, of_interest: Bool, name: str) -> Int64:
-    """Return the clusters (K,) of interest beyond a cut.
-
-    Raises
-    ------
-    SegmentationError
-        If the line does not divide the cloth, or nothing lies beyond it.
-    """
-    graph, clusters = observed.graph, observed.clusters
-    width_m = 2.0 * SETTINGS.cluster_m
-    wall = _near_line(observed, cut.points_m, cut.normals, width_m)
-    begin = _nearest(observed, cut.beyond_m, cut.beyond_normal, of_interest & ~wall)
-    if begin is None:
-        raise SegmentationError(
-            f"{name}: no cloth of interest lies beyond it; point at the cloth to cut off."
-        )
-    open_ = of_interest & ~wall
-    part = graph.components((graph.weight > 0) & open_[graph.first] & open_[graph.second])
-    # The region beyond the line must not be connected to the other side around its ends.
-    here = part[begin]
-    middle = np.asarray(cut.points_m).mean(axis=0)
-    side = middle - np.asarray(cut.beyond_m)
-    across = middle + 3.0 * width_m * side / max(float(np.linalg.norm(side)), 1e-9)
-    other = _nearest(observed, tuple(across), cut.beyond_normal, open_)
-    if other is not None and part[other] == here:
-        near = float(np.linalg.norm(clusters.place_m[other] - across))
-        if near < 4.0 * width_m:
-            raise SegmentationError(
-                f"{name}: the cloth continues around the ends of the line; draw it from rim to rim."
-            )
-    beside = (clusters.place_m - middle) @ side < 0  # the far half of the line's own width
-    return np.flatnonzero((part == here) & open_ | (wall & of_interest & beside))
-
-
-def _nearest(observed: Evidence, point: Sequence[float], normal: Sequence[float], among: Bool) -> int | None:
-    chosen = np.flatnonzero(among & (observed.clusters.normal @ np.asarray(normal) > SETTINGS.alike_cos))
-    if not chosen.size:
-        return None
-    distance = np.linalg.norm(observed.clusters.place_m[chosen] - np.asarray(point), axis=1)
-    return int(chosen[distance.argmin()])
 
 
 def _near_line(

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.strokes import Cut, Decision
+from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Bool, Float64, Int64
-from flatcloth.segmentation.brushes import beyond, under
+from flatcloth.segmentation.brushes import under
 from flatcloth.segmentation.color import alike_in_color, odds_by_color
 from flatcloth.segmentation.item import LEAST_AREA_M2
 from flatcloth.segmentation.observed import Evidence
@@ -31,7 +31,7 @@ class _State:
     """What some decisions say, and samples of the sides that agree with them.
 
     ``said`` (M,) float64 is the side of each cluster under a stroke, 1 or -1; 0 elsewhere. ``holder`` (M,)
-    is the decision that says so, -1 if none does. ``excluded`` (M,) is True where a cut removed it.
+    is the decision that says so, -1 if none does.
     ``divisions`` (K, M) are the sides by the evidence, ``prior`` (K,) their odds, lower where strokes turned
     over most of the cloth; ``inner`` (K, F) is True where what looks like an inner face is one, so that it is
     none of interest.
@@ -39,7 +39,6 @@ class _State:
 
     said: Float64
     holder: Int64
-    excluded: Bool
     conflicts: tuple[str, ...]
     divisions: Int8
     prior: Float64
@@ -106,7 +105,7 @@ class SideSolver:
             turned = np.where(self._inner(state), -1, -state.divisions)
             shown = np.concatenate([shown, turned]).astype(np.int8)
             weight = np.concatenate([SURE * weight, (1.0 - SURE) * weight])
-        area = np.where(state.excluded | (state.holder >= 0), 0.0, clusters.area_m2)
+        area = np.where(state.holder >= 0, 0.0, clusters.area_m2)
         middle = (area > 0.0) & (clusters.facing > SETTINGS.alike_cos)
         side = np.sign(weight @ shown)
         border = (graph.weight > 0) & (side[graph.first] != side[graph.second])
@@ -157,7 +156,6 @@ class SideSolver:
         return _State(
             said=np.zeros(count),
             holder=np.full(count, -1, dtype=np.int64),
-            excluded=np.zeros(count, dtype=np.bool_),
             conflicts=(),
             divisions=divisions,
             prior=np.ones(samples),
@@ -167,31 +165,28 @@ class SideSolver:
     def _after(self, state: _State, decisions: tuple[Decision, ...]) -> _State:
         number, decision = len(decisions) - 1, decisions[-1]
         name = f"decision {number + 1}"
-        if isinstance(decision, Cut):
-            of_interest = (self._probability(state) > 0.5) & ~state.excluded
-            excluded = state.excluded.copy()
-            excluded[beyond(self.observed, decision, of_interest, name)] = True
-            return replace(state, excluded=excluded)
         touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
         said, holder, inner = state.said.copy(), state.holder.copy(), state.inner.copy()
         said[touched], holder[touched] = wanted, number
         inner[:, np.setdiff1d(self._face[touched], 0)] = wanted < 0
         return replace(
-            self._agreeing(state, said),
+            self._agreeing(state, said, holder),
             said=said,
             holder=holder,
             inner=inner,
             conflicts=(*state.conflicts, *self._conflicts(state, touched, wanted, number)),
         )
 
-    def _agreeing(self, state: _State, said: Float64) -> _State:
+    def _agreeing(self, state: _State, said: Float64, holder: Int64) -> _State:
         """Return the state with divisions that agree with what is said.
 
         The first stroke also says which side is of interest: divisions that contradict it are turned over.
         That it is not what the start view shows most of, or that a later stroke turns over most of the cloth,
-        is as improbable as what is surely not so.
+        is as improbable as what is surely not so. A stroke most of which lies on what looks like an inner
+        face says no more than that this face is of no interest.
         """
         inner = (self._face > 0) | (self._inner(state).mean(axis=0) > 0.5)
+        inner = (np.bincount(holder + 1, inner) > 0.5 * np.bincount(holder + 1))[holder + 1]
         before, known = (np.where(inner & (each < 0), 0.0, each) for each in (state.said, said))
         other = (state.divisions @ known < 0.0) & ~before.any()
         divisions = np.where(other[:, None], -state.divisions, state.divisions)
@@ -245,7 +240,7 @@ class SideSolver:
         support = np.maximum(np.bincount(np.append(graph.first, graph.second), agrees, graph.count), 0.0)
         half = 2.0 * np.median(support) * (SETTINGS.cluster_m / SETTINGS.disturbance_m) ** 2
         probable = 0.5 + 0.5 * mean * support / np.maximum(support + half, 1e-12)
-        return np.where(state.excluded, 0.0, np.where(state.said != 0.0, state.said > 0.0, probable))
+        return np.where(state.said != 0.0, state.said > 0.0, probable)
 
     def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:
         state, observed = self._state(decisions), self.observed

@@ -22,7 +22,7 @@ from flatcloth.core.errors import ConfigError, JournalError
 from flatcloth.recordings.base import Recording, fingerprint, source_options
 from flatcloth.session.kept import read_kept, write_kept
 
-FORMAT = "flatcloth-session/4"
+FORMAT = "flatcloth-session/5"
 HEADER = "session.json"
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
-from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke, SpaceStroke
+from flatcloth.core.strokes import MOST_DECISIONS, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
 from flatcloth.session import document as edits
 from flatcloth.session import garment as garments
@@ -208,7 +208,7 @@ Command = (
     | Nudge
     | TakePart
     | LeaveOut
-    | Decision  # a stroke or a cut: the views of the shape follow it
+    | Decision  # a stroke: the views of the shape follow it
     | GarmentCommand
     | Undo
     | Redo
@@ -301,7 +301,7 @@ def why_illegal(state: SessionState, command: Command) -> str | None:
     match command:
         case Restart():
             return None
-        case ImageStroke() | SpaceStroke() | Cut():
+        case ImageStroke() | SpaceStroke():
             if len(document.strokes) >= MOST_DECISIONS:
                 return f"The session has {MOST_DECISIONS} strokes, which is the most it can hold. Undo some."
             return _why_no_view(state, command.view_index) if isinstance(command, ImageStroke) else None
@@ -466,7 +466,7 @@ def _decide(state: SessionState, command: Command) -> SessionState:
         case LeaveOut(part_view=view, component=component):
             name = f"leave out part {component + 1} of view {view}"
             return _edit(state, name, edits.leave_out(document, view, component))
-        case ImageStroke() | SpaceStroke() | Cut():
+        case ImageStroke() | SpaceStroke():
             painted = _edit(state, _name_of(command), edits.paint(document, command))
             if document.start_view is None and state.request is not None:
                 return _ask(painted, "start", state.request.view_index)
@@ -495,8 +495,6 @@ def _decide(state: SessionState, command: Command) -> SessionState:
 
 
 def _name_of(stroke: Decision) -> str:
-    if isinstance(stroke, Cut):
-        return "cut"
     where = f" on view {stroke.view_index}" if isinstance(stroke, ImageStroke) else ""
     return ("stroke: this side" if stroke.side == "this" else "stroke: not this side") + where
 

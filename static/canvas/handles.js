@@ -34,7 +34,7 @@ export class Handles {
   get held() {
     const { page, canvas } = this;
     const { shown } = canvas.overlay;
-    if (canvas.side === "other" || page.brush?.kind || this.isAway() || !page.state) return null;
+    if (canvas.side === "other" || page.brush?.side || this.isAway() || !page.state) return null;
     if (!page.state.pending) return page.doubts.held;
     if (!shown) return null;
     return {

@@ -373,7 +373,7 @@ export class DoubtsPanel extends PagePart {
   /** Whether a press at a place of the plane takes hold of a floating piece. */
   grabs(/** @type {number} */ u, /** @type {number} */ v) {
     const { canvas, page } = this;
-    if (page.state.pending || page.brush.kind || canvas.side === "other" || !canvas.layer.covers(u, v)) return false;
+    if (page.state.pending || page.brush.side || canvas.side === "other" || !canvas.layer.covers(u, v)) return false;
     const piece = this.drawn.find((one) => !one.placed && inBox(boxOf(one.grid), u, v));
     const n = piece ? this.list.findIndex(({ kind, title }) => kind === "piece" && title === piece.label) : -1;
     if (n < 0) return false;

@@ -234,7 +234,7 @@ export class GarmentPanel extends PagePart {
   press(/** @type {PointerPlace} */ at) {
     // Brushes, pairs, the proposal and what is in doubt have the pointer while they are there.
     const { state, brush, doubts, canvas } = this.page;
-    const taken = state?.pending || brush?.kind || doubts.held || canvas.side === "other";
+    const taken = state?.pending || brush?.side || doubts.held || canvas.side === "other";
     const near = taken ? null : this.near(at);
     if (!near) return false;
     this.grabbed = { name: near.name, x: at.x, y: at.y, moved: false };

@@ -4,15 +4,7 @@ import { PagePart } from "../page/page.js";
 import { byId, make, rebuild, smallButton, values } from "../page/dom.js";
 import { degrees, mm, vector } from "../page/format.js";
 
-const STROKES = [
-  "brush_this",
-  "brush_other",
-  "cut",
-  "where_to_stroke",
-  "where_before",
-  "show_sides",
-  "show_certainty",
-];
+const STROKES = ["brush_this", "brush_other", "where_to_stroke", "where_before", "show_sides", "show_certainty"];
 /** @type {[name: string, title: string, sections: string[], actions: string[]][]} parts, the first come first */
 const PARTS = [
   ["capture", "Capture", ["capture"], []],

@@ -192,14 +192,6 @@ export interface StrokeShape {
   sheet?: "other" | "this";
 }
 
-/** Say that the cloth beyond a line on the flattened shape is not of interest. */
-export interface CutShape {
-  type: "cut_shape";
-  points_uv_m: [number, number][];
-  beyond_uv_m: [number, number];
-  sheet?: "other" | "this";
-}
-
 /** Paint by clicks in the 3D scene as well, or (``side`` None) pick there again. */
 export interface Brush {
   type: "brush";
@@ -289,7 +281,6 @@ export type ClientMessage =
   | Aim
   | StrokeImage
   | StrokeShape
-  | CutShape
   | Brush
   | WhereToStroke
   | SetKind

@@ -1,4 +1,4 @@
-// The side of interest: brushes on the source image and the shape, a cut, what is uncertain, where to stroke next.
+// The side of interest: brushes on the source image and the shape, what is uncertain, where to stroke next.
 
 import { PagePart } from "../page/page.js";
 import { askPicture, Fetched } from "../page/connection.js";
@@ -8,16 +8,13 @@ import { mm } from "../page/format.js";
 const RADII_MM = [4, 6, 8, 10, 15, 20, 30];
 const FIRST_MM = 10;
 const MOST_POINTS = 900; // of a stroke; the server takes a thousand
-const COLORS = { this: "--side-this", other: "--side-other", cut: "--warn" };
-
-/** @typedef {"this" | "other" | "cut"} BrushKind */
+const COLORS = { this: "--side-this", other: "--side-other" };
 
 export class SidesPanel extends PagePart {
   name = "sides";
   actions = {
     brush_this: () => this.take("this"),
     brush_other: () => this.take("other"),
-    cut: () => this.take("cut"),
     brush_smaller: () => this.resize(-1),
     brush_larger: () => this.resize(1),
     where_to_stroke: () => this.askWhere(1),
@@ -27,14 +24,12 @@ export class SidesPanel extends PagePart {
   };
   /** @type {Panel["messages"]} */
   messages = { where_to_stroke: (answer) => this.goTo(answer) };
-  kind = /** @type {BrushKind | null} */ (null); // null: no brush
+  side = /** @type {SideName | null} */ (null); // what a stroke says; null: no brush
   radius_mm = FIRST_MM;
   shown = true;
   certain = false;
   /** @type {UV[] | null} */
   line = null; // of the stroke that is being drawn on the shape: [[u, v], ...]
-  /** @type {UV[] | null} */
-  cutLine = null; // drawn, and waits for a click beyond it
   known = /** @type {State["sides"]} */ (null);
   place = /** @type {{ revision: number | null; number: number } | null} */ (null); // where to stroke
   image = new Fetched(askPicture, () => this.canvas.redraw()); // the uncertainty of the shape
@@ -50,9 +45,8 @@ export class SidesPanel extends PagePart {
 
   get pressed() {
     return {
-      brush_this: this.kind === "this",
-      brush_other: this.kind === "other",
-      cut: this.kind === "cut",
+      brush_this: this.side === "this",
+      brush_other: this.side === "other",
       show_sides: this.shown,
       show_certainty: this.certain,
     };
@@ -66,7 +60,7 @@ export class SidesPanel extends PagePart {
     this.known = state.sides ?? null;
     this.panel.hidden = !this.known;
     if (!this.known) {
-      this.kind = null;
+      this.side = null;
       return;
     }
     this.show(this.known);
@@ -88,13 +82,13 @@ export class SidesPanel extends PagePart {
 
   // --- the brush -------------------------------------------------------------------------------
 
-  take(/** @type {BrushKind} */ kind) {
+  take(/** @type {SideName} */ side) {
     if (!this.known) {
       this.page.notify("info", "This recording has masks of its own; there is nothing to paint.");
       return;
     }
-    this.kind = this.kind === kind ? null : kind;
-    this.line = this.cutLine = null;
+    this.side = this.side === side ? null : side;
+    this.line = null;
     this.tellScene();
     this.page.changed();
     this.canvas.redraw();
@@ -127,30 +121,15 @@ export class SidesPanel extends PagePart {
   }
 
   escape() {
-    if (!this.kind) return false;
-    if (this.cutLine) {
-      this.cutLine = null;
-      this.canvas.redraw();
-    } else this.take(this.kind);
+    if (!this.side) return false;
+    this.take(this.side);
     return true;
   }
 
   // --- a tool of the canvas --------------------------------------------------------------------
 
   press(/** @type {PointerPlace} */ at) {
-    if (!this.kind || !this.canvas.layer.shown) return false;
-    if (this.cutLine) {
-      const { sheet, line } = this.onSheet([...this.cutLine, [at.u, at.v]]);
-      this.page.send({
-        type: "cut_shape",
-        points_uv_m: line.slice(0, -1),
-        beyond_uv_m: line[line.length - 1],
-        sheet,
-      });
-      this.cutLine = null;
-      this.line = null;
-      return true;
-    }
+    if (!this.side || !this.canvas.layer.shown) return false;
     this.line = [[at.u, at.v]];
     this.canvas.redraw();
     return true;
@@ -167,15 +146,9 @@ export class SidesPanel extends PagePart {
     this.line = null;
     if (!line) return;
     this.drag(at);
-    if (this.kind === "cut") {
-      if (line.length < 2) return;
-      this.cutLine = line;
-      this.page.notify("info", "Click the cloth beyond the line: it is not of interest.");
-    } else {
-      const { side, radius_m } = this;
-      const on = this.onSheet(line);
-      if (side) this.page.send({ type: "stroke_shape", side, points_uv_m: on.line, radius_m, sheet: on.sheet });
-    }
+    const { side, radius_m } = this;
+    const on = this.onSheet(line);
+    if (side) this.page.send({ type: "stroke_shape", side, points_uv_m: on.line, radius_m, sheet: on.sheet });
     this.canvas.redraw();
   }
 
@@ -189,7 +162,7 @@ export class SidesPanel extends PagePart {
 
   /** A line on one side means nothing on the other. */
   turned() {
-    this.line = this.cutLine = null;
+    this.line = null;
   }
 
   /** Two fingers zoom: what the first one began is no stroke. */
@@ -199,18 +172,8 @@ export class SidesPanel extends PagePart {
 
   // --- on the source image ---------------------------------------------------------------------
 
-  /** What a stroke says; null: no stroke is painted now. */
-  get side() {
-    return this.kind === "cut" ? null : this.kind;
-  }
-
-  /** Whether a brush paints on images now. */
-  get paintsImages() {
-    return this.side !== null;
-  }
-
   get color() {
-    return COLORS[this.kind ?? "this"];
+    return COLORS[this.side ?? "this"];
   }
 
   paintImage(/** @type {number} */ view, /** @type {UV[]} */ points) {
@@ -259,11 +222,9 @@ export class SidesPanel extends PagePart {
     const shown = canvas.layer.shown;
     const { value: image } = this.image;
     if (image && shown && image.width === shown.grid.cols) canvas.drawPicture(shown, image);
-    const line = this.line ?? this.cutLine;
-    if (!this.kind || !line) return;
-    const width = this.kind === "cut" ? 3 : Math.max(2, 2 * this.radius_m * canvas.transform.scale);
-    pen.context.globalAlpha = this.kind === "cut" ? 1 : 0.55;
-    pen.line(line.map(pen.at), COLORS[this.kind], width);
+    if (!this.side || !this.line) return;
+    pen.context.globalAlpha = 0.55;
+    pen.line(this.line.map(pen.at), this.color, Math.max(2, 2 * this.radius_m * canvas.transform.scale));
     pen.context.globalAlpha = 1;
   }
 }

@@ -135,7 +135,7 @@ export class SourcePanel extends PagePart {
     const canvas = this.imageCanvas;
     canvas.addEventListener("pointerdown", (event) => {
       const at = this.pixelAt(event);
-      if (event.button !== 0 || !this.page.brush?.paintsImages || !at) return;
+      if (event.button !== 0 || !this.page.brush?.side || !at) return;
       event.preventDefault();
       canvas.setPointerCapture(event.pointerId);
       this.stroke = [at];
@@ -189,7 +189,7 @@ export class SourcePanel extends PagePart {
 
   /** With a brush the arrow keys move a mark over the image (Shift: tenfold), Enter paints a dab there. */
   key(/** @type {KeyboardEvent} */ event) {
-    if (!this.page.brush?.paintsImages || !this.drawn || !isPlain(event)) return;
+    if (!this.page.brush?.side || !this.drawn || !isPlain(event)) return;
     const { box, view } = this.drawn;
     const step = event.shiftKey ? 10 : 1;
     const [row, col] = this.aim?.view === view ? this.aim.rc : [box.top + box.height / 2, box.left + box.width / 2];
@@ -334,8 +334,8 @@ export class SourcePanel extends PagePart {
     const sides = this.page.brush?.addressOf(view);
     const lost = this.statesOf(view);
     const labels = lost ? this.fetched(lost) : sides && masked ? this.fetched(sides) : null;
-    this.imageCanvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
-    this.imageCanvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
+    this.imageCanvas.classList.toggle("painting", Boolean(this.page.brush?.side));
+    this.imageCanvas.tabIndex = this.page.brush?.side ? 0 : -1;
     const item = this.fetched(`sides/${view}/box.json?v=${this.page.state.sides?.token}`);
     if (!color || !mask || !item) return;
     const whole = withMargin(item, color);

@@ -46,7 +46,7 @@ def middle(tab) -> tuple[float, float]:
 
 def test_cloth_is_painted_with_the_mouse_and_with_keys_alone_and_undone(tab) -> None:
     tab.page.keyboard.press("Shift+S")
-    tab.until("flatcloth.sides.kind === 'this'")
+    tab.until("flatcloth.sides.side === 'this'")
     x, y = middle(tab)
     tab.drag((x, y), (x, y + 12))
     tab.until(f"flatcloth.state.sides.n_strokes === 1 && {IDLE}")
@@ -60,7 +60,7 @@ def test_cloth_is_painted_with_the_mouse_and_with_keys_alone_and_undone(tab) -> 
     tab.until(f"{shown}.every((i) => i.naturalWidth > 1) && {present}")
     assert tab.state()["undo"].startswith("stroke: this side on view")
     tab.page.keyboard.press("Escape")
-    tab.until("flatcloth.sides.kind === null")
+    tab.until("flatcloth.sides.side === null")
     tab.page.keyboard.press("u")
     tab.until(f"flatcloth.state.sides.n_strokes === 0 && {KNOWN} && {IDLE} && flatcloth.phase === 'ready'")
     tab.page.keyboard.press("Shift+W")
@@ -73,7 +73,7 @@ def test_cloth_is_painted_with_the_mouse_and_with_keys_alone_and_undone(tab) -> 
     tab.page.keyboard.press(";")
     tab.until(f"JSON.stringify(flatcloth.sources.aim) === {json.dumps(first.replace(' ', ''))}")
     tab.page.keyboard.press("Shift+S")
-    tab.until("flatcloth.sides.kind === 'this' && document.getElementById('source-canvas').tabIndex === 0")
+    tab.until("flatcloth.sides.side === 'this' && document.getElementById('source-canvas').tabIndex === 0")
     tab.until("flatcloth.sources.drawn.view === flatcloth.sources.view")
     two_fingers_zoom(tab, "#source-canvas", "flatcloth.sources.drawn.box.width")
     two_fingers_zoom(tab, "#canvas", "1 / flatcloth.handles.scale")
@@ -125,7 +125,7 @@ def two_fingers_zoom(tab, canvas: str, shown: str) -> None:
 
 def test_a_finger_paints_strokes_outlast_a_kill_and_may_need_another_start_view(tab, program) -> None:
     tab.page.keyboard.press("Shift+S")
-    tab.until("flatcloth.sides.kind === 'this'")
+    tab.until("flatcloth.sides.side === 'this'")
     x, y = middle(tab)
     finger = {"pointerType": "touch", "pointerId": 1, "button": 0, "bubbles": True, "isPrimary": True}
     tab.page.evaluate(

@@ -9,7 +9,7 @@ from scenes import AXIS
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError
-from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
+from flatcloth.core.strokes import ImageStroke, SpaceStroke
 from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.item import find_item
 from flatcloth.segmentation.observed import gather_evidence
@@ -139,22 +139,6 @@ def test_a_stroke_that_agrees_changes_nothing_and_one_that_contradicts_holds_and
     # A later stroke elsewhere never turns an earlier one over.
     assert (side_at(elsewhere, MIDDLE[0]), side_at(elsewhere, (80.0, 140.0))) == (OF_INTEREST, OTHER)
     assert "sure before" in elsewhere.changed
-
-
-def test_cloth_beyond_a_cut_is_not_of_interest(solver):
-    z = AXIS.point_m[2] - THICKNESS_M / 2
-    front = (0.0, 0.0, -1.0)
-    line = ((-0.1, 0.02, z), (0.1, 0.02, z))
-    cut = Cut(points_m=line, normals=(front, front), beyond_m=(0.0, 0.06, z), beyond_normal=front)
-    found = solver.solve((stroke(), cut))
-    place, normal = found.observed.clusters.place_m, found.observed.clusters.normal
-    on_front = normal[:, 2] < -0.9
-    assert (found.side[on_front & (place[:, 1] > 0.035)] == OTHER).all()
-    assert (found.side[on_front & (place[:, 1] < 0.005)] == OF_INTEREST).all()
-    # A line that ends inside the cloth divides nothing.
-    short = replace(cut, points_m=((-0.02, 0.02, z), (0.02, 0.02, z)))
-    with pytest.raises(SegmentationError, match="decision 2: the cloth continues around the ends"):
-        solver.solve((stroke(), short))
 
 
 def test_the_view_says_side_and_certainty_of_every_pixel_of_the_item(solver):

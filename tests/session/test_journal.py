@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from journal_script import AGAIN, CLOTH, CUT, SCRIPT, idle, opened, played_in, resumed, states
+from journal_script import AGAIN, CLOTH, SCRIPT, STROKE, idle, opened, played_in, resumed, states
 
 from flatcloth.core.errors import IllegalDecisionError, JournalError
 from flatcloth.core.strokes import ImageStroke, SpaceStroke
@@ -52,7 +52,7 @@ ALSO = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.
         LeaveOut(1, 0, 1),
         ImageStroke(side="this", view_index=1, points_rc=((1.0, 2.0), (3.0, 4.0))),
         SpaceStroke(side="other", points_m=((0.0, 0.1, 0.8),), normals=((0.0, 0.0, -1.0),)),
-        CUT,
+        STROKE,
         SetKind("shorts"),
         SetKind(None),
         HeldPoint("neck_left", (0.2, 0.3), CLOTH),

@@ -41,7 +41,7 @@ def test_a_recording_that_moved_is_the_same(place):
     ("header", "cause"),
     [
         *((text, "se another folder") for text in ("", "[]", "{}", "null", "[" * 99999)),
-        ('{"format": "flatcloth-session/4"}', "se another folder"),
+        ('{"format": "flatcloth-session/5"}', "se another folder"),
         ('{"format": "flatcloth-session/2"}', "se another folder"),
         ({"recording": {}}, "not valid"),
         ({"config": {"planning": {"magic": 1}}}, "not valid.*magic"),

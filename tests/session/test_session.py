@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from journal_script import CUT, THREE, after, at
+from journal_script import STROKE, THREE, after, at
 
 from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.core.strokes import ImageStroke, SpaceStroke
@@ -149,7 +149,7 @@ TOLD: list[tuple[Steps, str]] = [
     ((*PENDING, Skip(1), Propose(2), Proposed(3, 2, at(0.2)), Accept(2), Reopen(1)), "propose 1; shape 0 2"),
     # A stroke changes the views themselves: they follow it, a proposal is dropped, a restart keeps it.
     ((Start(4), THIS), "start 4; strokes 1"),
-    ((*PENDING, CUT), "ready; shape 0; strokes 1"),
+    ((*PENDING, STROKE), "ready; shape 0; strokes 1"),
     ((*THREE, THIS), "follow 1; shape 0; later 1 2 3; strokes 1"),
     ((*THREE, THIS, Followed(5, 1, at(0.1))), "follow 2; shape 0 1; later 2 3; strokes 1"),
     ((*REOPENED, OTHER), "follow 1; shape 0; later 1 2 3; strokes 1"),
@@ -172,7 +172,7 @@ def test_a_session_says_what_it_waits_for_and_what_became_of_each_view(steps: St
         ((*PENDING, Nudge(1, at(0.05), "fit pairs of"), Skip(1)), ["fit pairs of view 1", "skip view 1"]),
         ((*PENDING, TakePart(1, 2, at(0.4)), Reject(1)), ["take part 3 of view 1", "reject view 1"]),
         ((THIS, OTHER), ["stroke: this side on view 1", "stroke: not this side"]),
-        ((CUT,), ["cut"]),
+        ((STROKE,), ["stroke: not this side"]),
         ((*HUNG, Reopen(5)), ["accept 2 views", "reopen view 5"]),
         ((*PENDING, Propose(5)), ["choose view 5 instead of 1"]),
         ((*ENDED, Propose(4)), ["go on with view 4"]),

@@ -13,7 +13,7 @@ from tiny_recordings import MemoryRecording
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError
-from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
+from flatcloth.core.strokes import ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
 from flatcloth.session.document import Document, Side
 from flatcloth.session.machine import (
@@ -61,17 +61,6 @@ SPACE_STROKES = st.builds(
     SIDES,
     LINES,
 )
-CUTS = st.builds(
-    lambda line, beyond, normal: Cut(
-        points_m=tuple(p for p, _ in line),
-        normals=tuple(n for _, n in line),
-        beyond_m=beyond,
-        beyond_normal=normal,
-    ),
-    LINES,
-    POINTS,
-    POINTS,
-)
 COMMANDS: st.SearchStrategy[Command] = st.one_of(
     st.builds(Start, st.none() | VIEWS),
     st.builds(Propose, st.none() | VIEWS),
@@ -84,7 +73,6 @@ COMMANDS: st.SearchStrategy[Command] = st.one_of(
     st.builds(TakePart, VIEWS, st.integers(0, 3), MOTIONS),
     IMAGE_STROKES,
     SPACE_STROKES,
-    CUTS,
     st.just(Undo()),
     st.just(Redo()),
     st.just(Cancel()),

@@ -162,7 +162,7 @@ class Application(PageController):
                 self.tabs.tell(client, fit)
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
-            case messages.StrokeImage() | messages.StrokeShape() | messages.CutShape():
+            case messages.StrokeImage() | messages.StrokeShape():
                 self._by_hand(self._sides.decision(message, self.picture))
             case messages.Brush():
                 self._sides.brush = message if message.side is not None else None

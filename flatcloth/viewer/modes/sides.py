@@ -1,4 +1,4 @@
-"""The page's side of segmentation: strokes and cuts become decisions; their effect is reported and drawn."""
+"""The page's side of segmentation: strokes become decisions; their effect is reported and drawn."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import window_of
-from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke, why_off_image
+from flatcloth.core.strokes import Decision, ImageStroke, SpaceStroke, why_off_image
 from flatcloth.core.types import Bool, Floats, Int64
 from flatcloth.engine.views import ViewCloud
 from flatcloth.flattening.surface import item_mask
@@ -91,10 +91,6 @@ class SideController:
             case messages.StrokeShape(side=side, points_uv_m=line, radius_m=radius, sheet=sheet):
                 places, normals = on_cloth(picture, line, sheet)
                 return SpaceStroke(side=side, points_m=places, normals=normals, radius_m=radius)
-            case messages.CutShape(points_uv_m=line, beyond_uv_m=beyond, sheet=sheet):
-                places, normals = on_cloth(picture, line, sheet)
-                there, normal = on_cloth(picture, (beyond,), sheet)
-                return Cut(points_m=places, normals=normals, beyond_m=there[0], beyond_normal=normal[0])
         raise FlatclothError("This is no stroke.")
 
     def dab(

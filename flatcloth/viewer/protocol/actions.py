@@ -139,8 +139,6 @@ follow | Follow | v | Keep the 3D camera at the real camera's position.
 brush_this | This side | Shift+s | Paint cloth of the side of interest: on the source image, the shape or
     the 3D scene; again: stop.
 brush_other | Not this side | Shift+n | Paint cloth that is not of interest; again: stop.
-cut | Cut | Shift+c | Draw a line across the shape, then click beyond it: cloth there is not of interest;
-    again: stop.
 brush_smaller | Smaller brush | < | Make the brush smaller.
 brush_larger | Larger brush | > | Make the brush larger.
 where_to_stroke | Where to stroke next | Shift+w | Go to the view and the place where a stroke settles

@@ -257,14 +257,6 @@ class StrokeShape(Said, tag="stroke_shape", frozen=True, kw_only=True):
     sheet: SheetSide = "this"
 
 
-class CutShape(Said, tag="cut_shape", frozen=True, kw_only=True):
-    """Say that the cloth beyond a line on the flattened shape is not of interest."""
-
-    points_uv_m: StrokePlaces
-    beyond_uv_m: tuple[Metres, Metres]
-    sheet: SheetSide = "this"
-
-
 class Brush(Said, tag="brush", frozen=True, kw_only=True):
     """Paint by clicks in the 3D scene as well, or (``side`` None) pick there again."""
 
