@@ -212,7 +212,7 @@ class HandEye:
 class Strokes:
     """What says which side is of interest."""
 
-    strokes: Path | None = option("strokes and cuts that say which side is of interest", "FILE")
+    strokes: Path | None = option("strokes that say which side is of interest", "FILE")
 
     def decisions(self) -> tuple[Decision, ...]:
         """Read the file of ``--strokes``; without one, there are none."""
