@@ -21,7 +21,6 @@ from flatcloth.session.document import Document, PlacedPart, Side
 from flatcloth.session.journal import Pick, PickDeleted, PickRenamed
 from flatcloth.session.machine import (
     Event,
-    Followed,
     NothingMore,
     Proposed,
     Request,
@@ -114,7 +113,6 @@ class CylinderIntegration:
         self.finds_sides = False
         self.notes = ("No masks: <i>a note</i>.",)
         self.scores = scores
-        self.follow_score = 0.9
         self.also: tuple[PlacedPart, ...] = ()
         self.gate = threading.Event()
         self.gate.set()
@@ -221,10 +219,6 @@ class CylinderIntegration:
         if request.kind == "start":
             return Started(request.token, request.view_index or 0)
         view = request.view_index
-        if request.kind == "follow":
-            score = self.follow_score
-            why = "" if score >= self.accept_score else "No longer sure."
-            return Followed(request.token, view, Rigid2(), score, holds=not why, why=why)
         if view is None:
             left = [i for i in (1, 2, 3) if i not in document.used_views | document.refused_views]
             if not left:

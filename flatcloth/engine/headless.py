@@ -108,11 +108,7 @@ class Run:
 
     @property
     def _takes_all(self) -> bool:
-        return (
-            self.integration.algorithm.takes_all
-            and self.state.phase is Phase.READY
-            and not self.state.document.later
-        )
+        return self.integration.algorithm.takes_all and self.state.phase is Phase.READY
 
     def _verdict(self) -> Accept | Reject:
         """Return the verdict on the proposal by its score; what is uncertain is tried again later."""

@@ -31,7 +31,7 @@ from flatcloth.core.types import (
     RotationAxis,
     no_progress,
 )
-from flatcloth.engine.placing import RefinedScore, follow, laid_beside, plan_put_off
+from flatcloth.engine.placing import RefinedScore, laid_beside, plan_put_off
 from flatcloth.engine.trust import Trust
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.cloth import Cloth
@@ -279,9 +279,6 @@ class Integration:
             progress(0.9, f"flattening view {view}")
             self.views.flattening(view)
             return Started(request.token, view)
-        if request.kind == "follow":
-            progress(0.1, f"view {request.view_index} follows")
-            return follow(self.algorithm, document, request.token, self.accept_score, progress)
         if request.view_index is not None:
             return self._by_hand(document, request.token, request.view_index, progress)
         return self._planned(document, request.token, progress)
@@ -316,7 +313,7 @@ class Integration:
             except (SurfaceError, FlatteningError, AlignmentError) as error:
                 trouble = str(error)
             if not trouble:
-                return _proposed(token, plan.view_index, plan.side, placement)
+                return self._proposed(document, token, (plan.view_index, plan.side), placement)
             tried.append(trouble)
             passed.add(Rejected(plan.view_index, trouble, len(document.accepted)))
 
@@ -325,7 +322,20 @@ class Integration:
         side = side_of(document, angles_deg, view_index) if self.algorithm.has_sides else None
         placement, trouble = self._placed(document, view_index, side, progress)
         why = f"{trouble} It lies next to the shape; move it." if trouble else ""
-        return _proposed(token, view_index, side, placement, why)
+        return self._proposed(document, token, (view_index, side), placement, why)
+
+    def _proposed(
+        self,
+        document: Document,
+        token: int,
+        view: tuple[int, Side | None],
+        placement: Placement,
+        why: str = "",
+    ) -> Proposed:
+        motion, score = placement.alignment.current_from_new, placement.alignment.score.total
+        on = None if self.algorithm.takes_all else document.views_in_order[-1]
+        component, also = placement.component, placement.also
+        return Proposed(token, view[0], motion, view[1], score, component, why, also, on)
 
     def _placed(
         self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
@@ -349,13 +359,6 @@ class Integration:
             raise error
         to_side = side_of(document, self.recording.angles_deg, view_index)
         return laid_beside(self.canonical(document).view, parts, to_side)
-
-
-def _proposed(
-    token: int, view_index: int, side: Side | None, placement: Placement, why: str = ""
-) -> Proposed:
-    motion, score = placement.alignment.current_from_new, placement.alignment.score.total
-    return Proposed(token, view_index, motion, side, score, placement.component, why, placement.also)
 
 
 def _shape_of(document: Document) -> tuple[Hashable, ...]:

@@ -1,75 +1,22 @@
-"""Placements of single views: again after a change, by hand, refined, fitted to pairs of points.
-
-A later decision follows a changed one. A placement found by the method is computed again on the changed
-shape; one set by hand moves with the shape. It is kept if it fits about as well as when it was accepted,
-or well enough for unattended acceptance; otherwise the operator decides again.
-"""
+"""Placements of single views: next to the shape, refined, fitted to pairs of points; and which is next."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flatcloth.core.errors import AlignmentError, FlatteningError, SurfaceError
+from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import FlattenedView, Float64, Progress, Rigid2
+from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.methods.answers import Alignment, AlignmentScore, ComponentPlacement, Placement, Plan
-from flatcloth.methods.base import Method
-from flatcloth.session.document import NO_COMPONENT, Document, Side
-from flatcloth.session.machine import Followed
+from flatcloth.session.document import Document, Side
 
-_MOST_LOSS = 0.1
-"""A larger decrease of the score is reported to the operator. Set by hand."""
 _GAP_M = 0.02
 """Gap between the components that are laid side by side. Chosen."""
 _LEAST_SPREAD_M = 0.001
 """Points closer together than this do not determine a rotation. Set by hand."""
-
-
-def follow(
-    method: Method, document: Document, token: int, accept_score: float, progress: Progress
-) -> Followed:
-    """Return the placement of a document's next later view as an answer.
-
-    Parameters
-    ----------
-    method : Method
-        The method that places views on the shape.
-    document : Document
-        Has the changed decision and the later ones.
-    token : int
-        Token of the request.
-    accept_score : float
-        Smallest score that is accepted unattended.
-    progress : callable
-        Called with the progress of the work; may raise ``CancelledError``.
-    """
-    later = document.later[0]
-    decision = later.decision
-    view, component = decision.view_index, decision.component
-    if component == NO_COMPONENT:  # it is where it hangs
-        return Followed(token, view, decision.current_from_new, component=component)
-    motion = method.carried(document, later)
-    carried = motion @ decision.current_from_new.inverse()
-    also = tuple(replace(p, current_from_new=carried @ p.current_from_new) for p in decision.also)
-    try:
-        if not decision.fixed:
-            placement = method.propose(document, view, decision.side, progress)
-            component, motion = placement.component, placement.alignment.current_from_new
-            left_out = decision.left_out
-            also = tuple(p for p in placement.also if (p.view_index, p.component) not in left_out)
-        score = method.score(document, view, component, motion).total
-    except (SurfaceError, FlatteningError, AlignmentError) as error:
-        return Followed(token, view, motion, 0.0, component, holds=False, why=str(error))
-    before = math.inf if decision.score is None else decision.score - _MOST_LOSS
-    if score >= min(accept_score, before):
-        return Followed(token, view, motion, score, component, also=also)
-    was = "" if decision.score is None else f", before it was {decision.score:.2f}"
-    why = f"Its score after the change is {score:.2f}{was}."
-    return Followed(token, view, motion, score, component, holds=False, why=why, also=also)
 
 
 def plan_put_off(plan: Callable[[Document], Plan], document: Document) -> Plan:

@@ -17,7 +17,7 @@ from flatcloth.grasping.grips import read_grips
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.header import Header, read_header
 from flatcloth.session.journal import JOURNAL, Line, Pick, Replay, read_journal
-from flatcloth.session.machine import Accept, Followed, Propose, Proposed, Reject, Reopen, Restart, Skip
+from flatcloth.session.machine import Accept, Propose, Proposed, Reject, Reopen, Restart, Skip, TakePart
 
 ACCEPTED, REJECTED, SKIPPED = "accepted", "rejected", "skipped"
 VERDICTS = (ACCEPTED, REJECTED, SKIPPED)
@@ -102,7 +102,7 @@ class _Verdicts:
             case Accept() | Reject() | Skip():
                 self.decisions.append(_decision(len(self.decisions) + 1, line.time, entry, before))
                 made = replace(made, standing=(*before.standing, len(self.decisions)), by_hand=False)
-            case Reopen() | Followed(holds=False):
+            case Reopen() | TakePart() if entry.view_index in before.document.reopenable_views:
                 kept = (n for n in before.standing if self.decisions[n - 1].view_index != entry.view_index)
                 made = replace(made, standing=tuple(kept), by_hand=True)
             case Proposed():

@@ -38,7 +38,7 @@ from flatcloth.methods.answers import (
     Placement,
     Plan,
 )
-from flatcloth.session.document import Document, Later, Side
+from flatcloth.session.document import Document, Side
 from flatcloth.shape.joints import DecidedParts
 
 if TYPE_CHECKING:
@@ -194,10 +194,6 @@ class Method(Protocol):
     @abstractmethod
     def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
         """Refine a placement locally."""
-
-    @abstractmethod
-    def carried(self, document: Document, later: Later) -> Rigid2:
-        """Return the placement of a later decision on the present plane if it moves with the shape."""
 
     def cloth_of_pieces(self, document: Document) -> list[Cloth]:
         """Return how each piece is connected, the shape first; none if the edges have no evidence."""

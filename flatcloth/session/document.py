@@ -1,7 +1,6 @@
 """The document of a session, i.e. the result of all decisions, and the effect of each verdict; pure.
 
-An accepted view that is *reopened* becomes the proposal again, and the views accepted after it wait
-as ``later``. They follow one by one on the changed shape; one that no longer fits is proposed again.
+An accepted view that is *reopened* leaves the shape and becomes the proposal again; all other decisions stay.
 """
 
 from __future__ import annotations
@@ -48,13 +47,13 @@ class PlacedPart:
 
 @dataclass(frozen=True)
 class Accepted:
-    """A view that is part of the canonical shape; ``current_from_new`` places it on its predecessor.
+    """A view that is part of the canonical shape, placed there by ``current_from_new``.
 
-    The current view's frame is that of the view accepted before it (the orientation of a renewed
-    view is that of the added one, paper 4.3). ``component`` is the number of the view's component
-    that is placed, 0 for the largest, ``NO_COMPONENT`` for none. ``fixed`` marks a placement changed by
-    hand. ``score`` is that of the placement when it was accepted, None if unknown. ``also`` are the
-    components that were placed with it, ``left_out`` those (view, component) that the operator left out.
+    ``on`` is the view on whose plane it is placed, as the orientation of a renewed view is that of the added
+    one (paper, 4.3); None if the shape has a plane of its own. ``component`` is the number of the view's
+    component that is placed, 0 for the largest, ``NO_COMPONENT`` for none. ``fixed``: it was placed by hand.
+    ``score`` is that of the placement when it was accepted, None if unknown. ``also`` are the components that
+    were placed with it, ``left_out`` those (view, component) that the operator left out.
     """
 
     view_index: int
@@ -65,6 +64,7 @@ class Accepted:
     score: float | None = None
     also: tuple[PlacedPart, ...] = ()
     left_out: frozenset[tuple[int, int]] = frozenset()
+    on: int | None = None
 
 
 @dataclass(frozen=True)
@@ -85,26 +85,13 @@ class Skipped:
 
 
 @dataclass(frozen=True)
-class Later:
-    """An accepted view that is placed again after an earlier one changed; ``on`` are the views before it.
-
-    ``anew``: a stroke has changed the view itself, so it is placed again even if ``on`` is unchanged.
-    """
-
-    decision: Accepted
-    on: tuple[Accepted, ...]
-    anew: bool = False
-
-
-@dataclass(frozen=True)
 class Pending:
     """A proposal that awaits the operator's decision.
 
     ``proposed`` is the result of the method, ``nudge`` the operator's change: the effective
-    placement is ``nudge @ proposed``. ``again`` is the earlier decision on this view, if there was
-    one; ``why`` explains a proposal that the operator did not request, or its placement. ``also``
-    are the components that are placed with it, as proposed; a nudge moves them along. ``left_out`` are
-    those (view, component) that the operator left out.
+    placement is ``nudge @ proposed``; ``on`` and ``fixed`` as in :class:`Accepted`.
+    ``why`` explains the placement. ``also`` are the components that are placed with it, as proposed; a nudge
+    moves them along. ``left_out`` are those (view, component) that the operator left out.
     """
 
     view_index: int
@@ -113,10 +100,11 @@ class Pending:
     score: float = math.nan
     nudge: Rigid2 = field(default_factory=Rigid2)
     component: int = 0
-    again: Later | None = None
+    fixed: bool = False
     why: str = ""
     also: tuple[PlacedPart, ...] = ()
     left_out: frozenset[tuple[int, int]] = frozenset()
+    on: int | None = None
 
     @property
     def current_from_new(self) -> Rigid2:
@@ -147,7 +135,6 @@ class Document:
     pending: Pending | None = None
     finished: str | None = None
     skipped: tuple[Skipped, ...] = ()
-    later: tuple[Later, ...] = ()
     strokes: tuple[Decision, ...] = ()
     garment: GarmentDecisions = field(default_factory=GarmentDecisions)
 
@@ -167,12 +154,7 @@ class Document:
         """The views that must not be planned now."""
         n = len(self.accepted)
         refused = (r.view_index for r in self.rejected if r.reason != UNSURE or r.after_accepted == n)
-        return self.put_off.union(refused, self.later_views)
-
-    @property
-    def later_views(self) -> frozenset[int]:
-        """The accepted views that wait for an earlier decision."""
-        return frozenset(later.decision.view_index for later in self.later)
+        return self.put_off.union(refused)
 
     @property
     def left_out(self) -> frozenset[tuple[int, int]]:
@@ -216,7 +198,7 @@ class Document:
         """The views with a decision that can be made again; the current proposal is not one of them."""
         left = [d.view_index for d in self.rejected] + [d.view_index for d in self.skipped]
         asked = [] if self.pending is None else [self.pending.view_index]
-        return self.later_views.union((a.view_index for a in self.accepted), left).difference(asked)
+        return frozenset((*(a.view_index for a in self.accepted), *left)).difference(asked)
 
 
 def accept(document: Document, score: float | None) -> Document:
@@ -225,19 +207,17 @@ def accept(document: Document, score: float | None) -> Document:
     assert pending is not None
     if score is None and not pending.moved and math.isfinite(pending.score):
         score = pending.score
-    before = None if pending.again is None else pending.again.decision
     added = Accepted(
         pending.view_index,
         pending.current_from_new,
         pending.side,
-        fixed=pending.moved or (before is not None and before.fixed),
+        fixed=pending.moved or pending.fixed,
         component=pending.component,
         score=score,
         also=pending.also_placed,
         left_out=pending.left_out,
+        on=pending.on,
     )
-    if before is not None and replace(added, score=before.score) == before:
-        added = before  # unchanged: the views that follow it stay unchanged
     document = _without_verdict(document, pending.view_index)
     return replace(document, accepted=(*document.accepted, added), pending=None)
 
@@ -282,96 +262,57 @@ def skip(document: Document, view_index: int) -> Document:
 
 
 def reopen(document: Document, view_index: int) -> Document:
-    """Withdraw a decision, however old; views accepted after a withdrawn acceptance wait for it.
+    """Withdraw a decision, however old; all others stay.
 
-    An accepted view becomes the proposal at its placement. A rejected or skipped view is undecided.
+    An accepted view becomes the proposal at its placement, if that is on the shape's own plane. Any other is
+    undecided.
     """
-    document = drop_pending(document)
-    at = [a.view_index for a in document.accepted]
-    if view_index in at:
-        n = at.index(view_index)
-        after = tuple(Later(a, document.accepted[:k]) for k, a in enumerate(document.accepted) if k >= n)
-        document = replace(document, accepted=document.accepted[:n], later=(*after, *document.later))
-    if view_index in document.later_views:
-        again = next(later for later in document.later if later.decision.view_index == view_index)
-        # One that was accepted where it hangs has no placement to go back to: it is proposed.
-        return document if again.decision.component == NO_COMPONENT else _ask_again(document, again)
-    return _without_verdict(document, view_index)
+    asked = asked_again(document, view_index)
+    gone = next((a for a in document.accepted if a.view_index == view_index), None)
+    if gone is None or gone.on is not None or gone.component == NO_COMPONENT:  # there is no such placement
+        return without_proposal(asked)
+    return asked
 
 
-def drop_pending(document: Document) -> Document:
-    """Remove the proposal; if it repeats an earlier decision, it waits for its turn again."""
-    pending = document.pending
-    again = () if pending is None or pending.again is None else (pending.again,)
-    return replace(document, pending=None, finished=None, later=(*again, *document.later))
+def asked_again(document: Document, view_index: int) -> Document:
+    """Withdraw a decision; an accepted view becomes the proposal."""
+    document = without_proposal(_without_verdict(document, view_index))
+    gone = next((a for a in document.accepted if a.view_index == view_index), None)
+    if gone is None:
+        return document
+    rest = tuple(_placed_without(gone, added) for added in document.accepted if added is not gone)
+    document = replace(document, accepted=rest)
+    pending = Pending(
+        view_index,
+        gone.current_from_new,
+        gone.side,
+        math.nan if gone.score is None else gone.score,
+        component=gone.component,
+        fixed=gone.fixed,
+        also=gone.also,
+        left_out=gone.left_out,
+        on=None if gone.on is None else document.views_in_order[-1],
+    )
+    return replace(document, pending=pending)
 
 
-def propose(document: Document, pending: Pending) -> Document:
-    """Make a view the proposal; it may be one of the later decisions."""
-    again = next((w for w in document.later if w.decision.view_index == pending.view_index), None)
-    if again is not None:
-        pending = replace(pending, again=again, side=pending.side or again.decision.side)
-    later = tuple(w for w in document.later if w is not again)
-    return replace(document, pending=pending, later=later, finished=None)
+def _placed_without(gone: Accepted, added: Accepted) -> Accepted:
+    """Return a view where it lies, placed on the view below the one that is gone."""
+    if added.on != gone.view_index:
+        return added
+    motion = gone.current_from_new
+    also = tuple(replace(part, current_from_new=motion @ part.current_from_new) for part in added.also)
+    return replace(added, on=gone.on, current_from_new=motion @ added.current_from_new, also=also)
 
 
-def follow_unchanged(document: Document) -> Document:
-    """Accept the later views in order as long as they and the shape below them are unchanged."""
-    while document.pending is None and document.later and _unchanged(document.later[0], document):
-        accepted = (*document.accepted, document.later[0].decision)
-        document = replace(document, accepted=accepted, later=document.later[1:])
-    return document
-
-
-def _unchanged(later: Later, document: Document) -> bool:
-    return not later.anew and later.on == document.accepted
+def without_proposal(document: Document) -> Document:
+    """Remove the proposal: its view is undecided."""
+    return replace(document, pending=None, finished=None)
 
 
 def paint(document: Document, decision: Decision) -> Document:
-    """Add a decision about sides; the views of the shape change, and are placed again in their order.
-
-    The proposal is dropped: its view may show other cloth now.
-    """
-    document = drop_pending(document)
-    again = [Later(a, document.accepted[:k], anew=True) for k, a in enumerate(document.accepted)]
-    waiting = [replace(later, anew=True) for later in document.later]
-    return replace(
-        document, strokes=(*document.strokes, decision), accepted=(), later=(*again, *waiting), finished=None
-    )
-
-
-def follow(
-    document: Document,
-    current_from_new: Rigid2,
-    score: float,
-    component: int,
-    also: tuple[PlacedPart, ...] = (),
-) -> Document:
-    """Accept the next later view at its new placement."""
-    placed = replace(
-        document.later[0].decision,
-        current_from_new=current_from_new,
-        component=component,
-        score=score if math.isfinite(score) else None,
-        also=also,
-    )
-    return replace(document, accepted=(*document.accepted, placed), later=document.later[1:])
-
-
-def _ask_again(document: Document, again: Later) -> Document:
-    decision = again.decision
-    pending = Pending(
-        decision.view_index,
-        decision.current_from_new,
-        decision.side,
-        math.nan if decision.score is None else decision.score,
-        component=decision.component,
-        again=again,
-        also=decision.also,
-        left_out=decision.left_out,
-    )
-    later = tuple(w for w in document.later if w is not again)
-    return replace(document, pending=pending, later=later)
+    """Add a decision about sides; the proposal is dropped, as its view may show other cloth now."""
+    return replace(without_proposal(document), strokes=(*document.strokes, decision))
 
 
 def _without_verdict(document: Document, view_index: int) -> Document:

@@ -5,8 +5,7 @@ pending proposal) and its history. Decisions (accept, reject, skip, reopen, nudg
 restart) are undo items; the arrival of a proposal is not. Heavy work is done elsewhere: a command
 that needs it leaves a ``Request`` in the state, and the answer comes back as an event with the
 request's token. An answer to an outdated request is ignored. Commands name the view they refer to, so
-that a double click or a second tab cannot decide about a view that its user has not seen. While later
-decisions wait for a changed one, each verdict requests the next.
+that a double click or a second tab cannot decide about a view that its user has not seen.
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ from flatcloth.session import garment as garments
 from flatcloth.session.document import (
     MAX_ANSWER_M,
     MOST_PLACED_WITH,
-    NO_COMPONENT,
     Document,
     Pending,
     PlacedPart,
@@ -83,7 +81,7 @@ class Skip:
 
 @dataclass(frozen=True)
 class Reopen:
-    """Decide again about an accepted, rejected or skipped view; views accepted later then follow it."""
+    """Decide again about an accepted, rejected or skipped view; all other decisions stay."""
 
     view_index: int
 
@@ -102,7 +100,7 @@ class Nudge:
 
 @dataclass(frozen=True)
 class TakePart:
-    """Place another component of the pending view, starting at the given placement."""
+    """Place a component of the pending view elsewhere; if there is none, of an accepted view."""
 
     view_index: int
     component: int
@@ -155,7 +153,8 @@ class Started:
 class Proposed:
     """Answer: a view was aligned; ``why`` gives the reason if it was not, and only a start is proposed.
 
-    ``also`` are further components, of this view or of accepted ones, that are placed with it.
+    ``also`` are further components, of this view or of accepted ones, that are placed with it; ``on`` is the
+    view on whose plane they are, None if the shape has a plane of its own.
     """
 
     token: int
@@ -166,20 +165,7 @@ class Proposed:
     component: int = 0
     why: str = ""
     also: tuple[PlacedPart, ...] = ()
-
-
-@dataclass(frozen=True)
-class Followed:
-    """Answer: the placement of a later view on the changed shape; ``why`` if it does not ``hold``."""
-
-    token: int
-    view_index: int
-    current_from_new: Rigid2
-    score: float = math.nan
-    component: int = 0
-    holds: bool = True
-    why: str = ""
-    also: tuple[PlacedPart, ...] = ()
+    on: int | None = None
 
 
 @dataclass(frozen=True)
@@ -208,14 +194,14 @@ Command = (
     | Nudge
     | TakePart
     | LeaveOut
-    | Decision  # a stroke: the views of the shape follow it
+    | Decision  # a stroke
     | GarmentCommand
     | Undo
     | Redo
     | Cancel
     | Restart
 )
-Event = Started | Proposed | Followed | NothingMore | Failed
+Event = Started | Proposed | NothingMore | Failed
 
 
 # --- the state ------------------------------------------------------------------------------------
@@ -234,8 +220,8 @@ class Phase(StrEnum):
 class Request:
     """Work that the session waits for.
 
-    ``start``: choose and flatten the start view; ``propose`` a view; ``follow``: place a later view on
-    the changed shape. With ``view_index`` None the planner chooses.
+    ``start``: choose and flatten the start view; ``propose`` a view. With ``view_index`` None the planner
+    chooses.
     """
 
     token: int
@@ -314,7 +300,7 @@ def why_illegal(state: SessionState, command: Command) -> str | None:
         case _ if document.start_view is None:
             return "There is no start view yet. Start the session first."
         case Propose(view_index=None):
-            return _why_undecided(document) or (None if document.later else document.finished)
+            return _why_undecided(document) or document.finished
         case Propose(view_index=view):
             return f"View {view} is already part of the shape." if view in document.used_views else None
         case Reopen(view_index=view):
@@ -359,15 +345,16 @@ def _why_not_decide(
     document: Document, command: Accept | Reject | Skip | Nudge | TakePart | LeaveOut
 ) -> str | None:
     pending = document.pending
-    if pending is None:
+    accepted = {added.view_index for added in document.accepted}
+    if pending is None and not (isinstance(command, TakePart) and command.view_index in accepted):
         return "There is no proposal to decide about; step first."
-    if command.view_index != pending.view_index:
+    if pending is not None and command.view_index != pending.view_index:
         return f"The proposal has changed: it is view {pending.view_index} now, not {command.view_index}."
     if isinstance(command, Nudge | TakePart):
         by = command.by if isinstance(command, Nudge) else command.current_from_new
         if not all(math.isfinite(x) for x in (by.theta_rad, by.u_m, by.v_m)):
             return "A nudge needs finite numbers."
-    if isinstance(command, LeaveOut):
+    if isinstance(command, LeaveOut) and pending is not None:
         placed = {(part.view_index, part.component) for part in pending.also}
         if (command.part_view, command.component) not in placed:
             return (
@@ -396,19 +383,18 @@ def apply(state: SessionState, command: Command | Event) -> SessionState:
 
 def _check_answer(state: SessionState, event: Event) -> None:
     """Refuse an answer, as of a journal, about views that do not exist, or that lie beyond any plane."""
-    if not isinstance(event, Started | Proposed | Followed):
+    if not isinstance(event, Started | Proposed):
         return
-    also = () if isinstance(event, Started) else event.also
-    if reason := _why_no_view(state, event.view_index, *(part.view_index for part in also)):
+    parts: tuple[Proposed | PlacedPart, ...] = () if isinstance(event, Started) else (event, *event.also)
+    if reason := _why_no_view(state, event.view_index, *(part.view_index for part in parts)):
         raise OutOfBoundsError(reason)
-    if isinstance(event, Started):
-        return
-    if len(also) > MOST_PLACED_WITH:
-        raise OutOfBoundsError(f"{len(also)} parts are placed at once; there are at most {MOST_PLACED_WITH}.")
-    least = NO_COMPONENT if isinstance(event, Followed) else 0
-    for part in (event, *also):
+    if len(parts) > MOST_PLACED_WITH:
+        raise OutOfBoundsError(f"{len(parts)} parts are placed at once, of at most {MOST_PLACED_WITH}.")
+    if isinstance(event, Proposed) and event.on not in (None, *state.document.used_views):
+        raise OutOfBoundsError(f"View {event.view_index} lies on view {event.on}, which is not in the shape.")
+    for part in parts:
         motion = part.current_from_new
-        if not (part.component >= least and math.hypot(motion.u_m, motion.v_m) <= MAX_ANSWER_M):
+        if not (part.component >= 0 and math.hypot(motion.u_m, motion.v_m) <= MAX_ANSWER_M):
             raise OutOfBoundsError(f"View {part.view_index} has no such part, or lies beyond any plane.")
 
 
@@ -441,14 +427,14 @@ def _decide(state: SessionState, command: Command) -> SessionState:
         case Propose(view_index=view):
             return _ask_for(state, view)
         case Accept(view_index=view, score=score):
-            return _go_on(_edit(state, f"accept view {view}", edits.accept(document, score)))
+            return _edit(state, f"accept view {view}", edits.accept(document, score))
         case AcceptAll(view_indices=views, left_out=left):
             name = f"accept view {views[0]}" if len(views) == 1 else f"accept {len(views)} views"
-            return _go_on(_edit(state, name, edits.accept_all(document, views, dict(left))))
+            return _edit(state, name, edits.accept_all(document, views, dict(left)))
         case Reject(view_index=view, reason=reason):
-            return _go_on(_edit(state, f"reject view {view}", edits.reject(document, view, reason)))
+            return _edit(state, f"reject view {view}", edits.reject(document, view, reason))
         case Skip(view_index=view):
-            return _go_on(_edit(state, f"skip view {view}", edits.skip(document, view)))
+            return _edit(state, f"skip view {view}", edits.skip(document, view))
         case Reopen(view_index=view):
             state = _edit(state, f"reopen view {view}", edits.reopen(document, view))
             return _ask(state, "propose", view) if state.document.pending is None else state
@@ -457,12 +443,13 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             moved = replace(document.pending, nudge=by @ document.pending.nudge)
             return _edit(state, f"{how} view {view}", replace(document, pending=moved))
         case TakePart(view_index=view, component=component, current_from_new=motion):
-            assert document.pending is not None
-            proposed = document.pending.proposed
+            again = document if document.pending else edits.asked_again(document, view)
+            assert again.pending is not None
+            proposed = again.pending.proposed
             # Back at its hypothesis, it lies exactly as proposed: not moved by hand.
             nudge = Rigid2() if motion == proposed else motion @ proposed.inverse()
-            taken = replace(document.pending, component=component, nudge=nudge, also=())
-            return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
+            taken = replace(again.pending, component=component, nudge=nudge, also=())
+            return _edit(state, f"take part {component + 1} of view {view}", replace(again, pending=taken))
         case LeaveOut(part_view=view, component=component):
             name = f"leave out part {component + 1} of view {view}"
             return _edit(state, name, edits.leave_out(document, view, component))
@@ -470,7 +457,7 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             painted = _edit(state, _name_of(command), edits.paint(document, command))
             if document.start_view is None and state.request is not None:
                 return _ask(painted, "start", state.request.view_index)
-            return _go_on(painted)
+            return painted
         case decision if isinstance(decision, GarmentCommand):
             name, decided = garments.decide(document.garment, decision)
             # The running computation does not depend on it.
@@ -501,23 +488,12 @@ def _name_of(stroke: Decision) -> str:
 
 def _ask_for(state: SessionState, view_index: int | None) -> SessionState:
     document = state.document
-    if view_index is None and document.later:
-        return _go_on(state)
     if document.pending is not None:
         name = f"choose view {view_index} instead of {document.pending.view_index}"
-        state = _edit(state, name, edits.drop_pending(document))
+        state = _edit(state, name, edits.without_proposal(document))
     elif document.finished is not None:
         state = _edit(state, f"go on with view {view_index}", replace(document, finished=None))
     return _ask(state, "propose", view_index)
-
-
-def _go_on(state: SessionState) -> SessionState:
-    """Continue with the later decisions: accept those that are unchanged, request the next otherwise."""
-    document = edits.follow_unchanged(state.document)
-    state = replace(state, document=document)
-    if document.pending is not None or not document.later:
-        return state
-    return _ask(state, "follow", document.later[0].decision.view_index)
 
 
 def _ask(state: SessionState, kind: str, view_index: int | None) -> SessionState:
@@ -540,25 +516,21 @@ def _answer(state: SessionState, event: Event) -> SessionState:
         case Started(view_index=view):
             return replace(state, document=replace(document, start_view=view))
         case Proposed():
-            return replace(state, document=edits.propose(document, _pending_of(event)))
-        case Followed(holds=False):
-            return replace(state, document=edits.propose(document, _pending_of(event)))
-        case Followed(current_from_new=motion, score=score, component=component, also=also):
-            return _go_on(replace(state, document=edits.follow(document, motion, score, component, also)))
+            return replace(state, document=replace(document, pending=_pending_of(event), finished=None))
         case NothingMore(reason=reason):
             return replace(state, document=replace(document, finished=reason))
         case Failed():
             return state
 
 
-def _pending_of(event: Proposed | Followed) -> Pending:
-    side = event.side if isinstance(event, Proposed) else None
+def _pending_of(event: Proposed) -> Pending:
     return Pending(
         event.view_index,
         event.current_from_new,
-        side,
+        event.side,
         event.score,
         component=event.component,
         why=event.why,
         also=event.also,
+        on=event.on,
     )

@@ -327,7 +327,6 @@ export interface PageState {
   finished: string | null;
   undo: string | null;
   redo: string | null;
-  n_later: number;
   request: Request | null;
   progress: Progress | null;
   pending: PendingInfo | null;
@@ -509,10 +508,9 @@ export interface Setting {
 export interface ViewRow {
   index: number;
   angle_deg: number;
-  state: "accepted" | "fixed" | "later" | "pending" | "rejected" | "skipped" | "start" | "unused";
+  state: "accepted" | "fixed" | "pending" | "rejected" | "skipped" | "start" | "unused";
   detail: string;
   score: number | null;
-  follows: number;
   why_not: string | null;
   why_not_reopen: string | null;
   flagged: boolean;
@@ -545,7 +543,6 @@ export interface PendingInfo {
   side: string | null;
   score: number | null;
   why: string;
-  again: boolean;
   nudge: Motion;
   pieces: PendingPart[];
   also: PlacedPartInfo[];

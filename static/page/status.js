@@ -53,7 +53,7 @@ function hint(/** @type {Page} */ { thisSide, doubts }) {
 /** @param {State} state @param {string} doubt about the shape */
 function nextOf(state, doubt) {
   const angle = (/** @type {number | null} */ i) => `view ${i} (${number(state.views[i ?? 0].angle_deg, 0)}°)`;
-  const { request, pending, n_later } = state;
+  const { request, pending } = state;
   const { running, waits_for, ended } = state.auto;
   if (state.trouble || waits_for) return state.trouble || waits_for;
   if (state.drawing && !state.layers && state.phase !== "computing") return "The views of the session are flattened.";
@@ -68,15 +68,11 @@ function nextOf(state, doubt) {
   switch (state.phase) {
     case "computing":
       if (!request || request.kind === "start") return "Choosing and flattening the start view.";
-      if (request.kind === "follow") return `Placing ${angle(request.view_index)} on the changed shape.`;
       if (request.view_index === null) return `${at}Looking for the next view.`;
       return `${at}Placing ${angle(request.view_index)} on the shape.`;
-    case "deciding": {
+    case "deciding":
       if (!pending) return "";
-      const waiting = n_later ? ` Then ${count(n_later, "later view")} follow${n_later === 1 ? "s" : ""}.` : "";
-      const place = `Is ${angle(pending.view_index)} in its place? Accept (A), Reject (R), Skip (K), or drag it.`;
-      return `${place}${pending.again ? " Undo (U) leaves it as it was." : ""}${waiting}`;
-    }
+      return `Is ${angle(pending.view_index)} in its place? Accept (A), Reject (R), Skip (K), or drag it.`;
     case "finished":
       if (doubt) return `${endOf(state)}. ${doubt}: look at the doubts (Shift+Y).`;
       return (
@@ -86,7 +82,6 @@ function nextOf(state, doubt) {
       );
     default:
       if (state.start_view === null) return "Press Step (S): the start view is chosen and flattened.";
-      if (n_later) return `${count(n_later, "later view")} wait${n_later === 1 ? "s" : ""}. Press Step (S) to go on.`;
       return "Press Step (S): the next view is chosen, flattened and placed on the shape.";
   }
 }

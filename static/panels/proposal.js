@@ -64,12 +64,11 @@ export class ProposalPanel extends PagePart {
   // --- the panel ---------------------------------------------------------------------------------
 
   parts(/** @type {State} */ { views }, /** @type {Pending} */ pending) {
-    const { again, brings, joins, nudge } = pending;
-    const view = `View ${pending.view_index} (${number(views[pending.view_index].angle_deg, 0)}°)`;
+    const { brings, joins, nudge } = pending;
     const comes = `Piece ${brings?.label} comes along, to the dotted rectangle, and becomes part of the shape.`;
     const extended = `Extends the floating piece ${pending.extends}. It joins the shape once a view connects them.`;
     return [
-      make("h2", again ? `Again: ${view}` : view),
+      make("h2", `View ${pending.view_index} (${number(views[pending.view_index].angle_deg, 0)}°)`),
       brings && joins && make("p#brings.extends", comes),
       !(pending.extends === null || pending.extends === "A") && make("p#extends.extends", extended),
       this.verdict(pending),

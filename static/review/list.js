@@ -5,7 +5,7 @@ import { byId, find, findAll, focusOn, make, rebuild, smallButton, taken, within
 import { number } from "../page/format.js";
 import { added, doubtsOf, flagsOf, isFlattened, scoreBar, STATES, thumbOf } from "./timeline.js";
 
-const UNDECIDED = ["unused", "pending", "skipped", "later"];
+const UNDECIDED = ["unused", "pending", "skipped"];
 const LEFT_OUT = ["rejected", "skipped"];
 
 /** @type {[string, string, (view: ViewRow) => boolean][]} */

@@ -11,12 +11,11 @@ export const STATES = {
   fixed: ["✎", "accepted, placed by hand"],
   rejected: ["✕", "rejected"],
   skipped: ["»", "skipped, comes again"],
-  later: ["…", "accepted, waits to follow"],
   pending: ["?", "proposed"],
   unused: ["", "not used"],
 };
 export const ACCEPTED = ["accepted", "fixed"];
-export const DECIDED = [...ACCEPTED, "rejected", "skipped", "later"];
+export const DECIDED = [...ACCEPTED, "rejected", "skipped"];
 const DRAG_PX = 5;
 const PLAY_MS = 400; // a view; its image is there in less
 

@@ -3,10 +3,10 @@
 import { showCommands } from "../page/commands.js";
 import { find, focusOn } from "../page/dom.js";
 import { PagePart } from "../page/page.js";
-import { count, number } from "../page/format.js";
+import { number } from "../page/format.js";
 import { DECIDED, described } from "./timeline.js";
 
-const WAITING = ["pending", "later", "skipped"];
+const WAITING = ["pending", "skipped"];
 
 export class Verdicts extends PagePart {
   name = "verdicts";
@@ -59,10 +59,8 @@ export class Verdicts extends PagePart {
 
   /** What was decided about a view, and to decide again. */
   ask(/** @type {ViewRow} */ view) {
-    const title = view.state === "skipped" ? "Propose it now" : view.state === "later" ? "Decide it now" : "Reopen";
-    const n = view.state === "later" ? 0 : view.follows;
-    const description = n ? `${count(n, "view")} accepted after it follow${n === 1 ? "s" : ""} what you decide.` : "";
-    const reopen = { ...this.page.action("reopen"), title, description, why_not: view.why_not_reopen };
+    const title = view.state === "skipped" ? "Propose it now" : "Reopen";
+    const reopen = { ...this.page.action("reopen"), title, description: "", why_not: view.why_not_reopen };
     const about = `View ${view.index}, ${number(view.angle_deg, 0)}°: ${described(view, this.page.state)}.`;
     showCommands([reopen], () => this.reopen(view), about);
   }

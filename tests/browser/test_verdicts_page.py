@@ -22,9 +22,7 @@ def area_cm2(tab):
 
 
 def decided(tab, count):
-    tab.until(
-        f"flatcloth.phase !== 'computing' && flatcloth.state.n_later === 0 && flatcloth.step === {count}"
-    )
+    tab.until(f"flatcloth.phase !== 'computing' && flatcloth.step === {count}")
 
 
 def step_and_skip(tab):

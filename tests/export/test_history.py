@@ -16,7 +16,6 @@ from flatcloth.grasping.grips import GripStore
 from flatcloth.session.journal import PickDeleted, PickRenamed
 from flatcloth.session.machine import (
     Accept,
-    Followed,
     Nudge,
     Propose,
     Proposed,
@@ -181,8 +180,7 @@ def test_a_decision_that_is_made_again_later_does_not_stand(place: Path) -> None
     folder.record(Skip(3))
     folder.record(Reopen(1))
     folder.record(Reject(1))
-    request = folder.state.request
-    folder.record(Followed(request.token, 2, Rigid2(), 0.1, holds=False, why="It does not fit."))
+    folder.record(Reopen(2))
     folder.record(Accept(2))
     folder.close()
     decisions = read_history(place).decisions

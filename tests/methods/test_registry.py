@@ -16,7 +16,7 @@ from flatcloth.flattening.resampling import place
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method, Views
 from flatcloth.methods.registry import METHODS, method_name
-from flatcloth.session.document import Document, Later, Side
+from flatcloth.session.document import Document, Side
 
 MOST_VIEWS = 3
 
@@ -60,9 +60,6 @@ class SideBySide(Method):
 
     def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
         return motion
-
-    def carried(self, document: Document, later: Later) -> Rigid2:
-        return later.decision.current_from_new
 
 
 @pytest.fixture

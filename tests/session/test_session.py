@@ -17,7 +17,6 @@ from flatcloth.session.machine import (
     Command,
     Event,
     Failed,
-    Followed,
     LeaveOut,
     NothingMore,
     Nudge,
@@ -43,7 +42,6 @@ STARTED, PENDING = THREE[:2], THREE[:4]
 ENDED = (*STARTED, Propose(), NothingMore(2, "The turn is complete."))
 HUNG = (*STARTED, AcceptAll((3, 5), ((4, "it shows nothing"),)))
 REOPENED = (*THREE, Reopen(1))
-ASKED_AGAIN = (*REOPENED, Reject(1), Followed(5, 2, at(0.9), 0.1, holds=False, why="It does not fit."))
 SKIPPED = (
     *PENDING,
     Skip(1),
@@ -60,15 +58,13 @@ OTHER = SpaceStroke(side="other", points_m=((0.0, 0.1, 0.8),), normals=((0.0, 0.
 def told(state: SessionState) -> str:
     """What a session waits for, the views of its shape, and what became of the others."""
     document, request, pending = state.document, state.request, state.document.pending
-    asked = [] if pending is None else [f"{pending.view_index}{' again' if pending.again else ''}"]
     parts = {
         "": [str(state.phase)] if request is None else [request.kind, request.view_index],
         "shape": document.views_in_order,
-        "asks": asked,
+        "asks": [] if pending is None else [pending.view_index],
         "rejected": [f"{each.view_index} ({each.reason})" for each in document.rejected],
         "skipped": [each.view_index for each in document.skipped],
-        "later": [each.decision.view_index for each in document.later],
-        "refused": sorted(document.refused_views - document.later_views),
+        "refused": sorted(document.refused_views),
         "end:": [document.finished] if document.finished else [],
         "strokes": [len(document.strokes)] if document.strokes else [],
     }
@@ -109,50 +105,34 @@ TOLD: list[tuple[Steps, str]] = [
     (ENDED, "finished; shape 0; end: The turn is complete."),
     ((*ENDED, Propose(4), Proposed(3, 4, at(0.0))), "deciding; shape 0; asks 4"),
     ((*ENDED, Propose(4), Proposed(3, 4, at(0.0)), Undo()), "finished; shape 0; end: The turn is complete."),
-    ((*THREE, Propose(), NothingMore(5, "All."), Reopen(2)), "deciding; shape 0 1; asks 2 again; later 3"),
+    ((*THREE, Propose(), NothingMore(5, "All."), Reopen(2)), "deciding; shape 0 1 3; asks 2"),
     # Many views at once; one of them has no placement to go back to, so it is proposed again.
     (HUNG, "ready; shape 0 3 5; rejected 4 (it shows nothing); refused 4"),
     ((*HUNG, Undo()), "ready; shape 0"),
     ((*ENDED, AcceptAll((3,))), "ready; shape 0 3"),
-    ((*HUNG, Reopen(3)), "propose 3; shape 0; rejected 4 (it shows nothing); later 3 5; refused 4"),
+    ((*HUNG, Reopen(3)), "propose 3; shape 0 5; rejected 4 (it shows nothing); refused 4"),
     (
-        (*HUNG, Reopen(3), Proposed(2, 3, at(0.0)), Reject(3), Followed(3, 5, at(0.0), component=-1)),
+        (*HUNG, Reopen(3), Proposed(2, 3, at(0.0)), Reject(3)),
         "ready; shape 0 5; rejected 4 (it shows nothing) 3 (wrong place); refused 3 4",
     ),
-    # A reopened view is asked again, and the later ones follow its verdict one by one.
-    (REOPENED, "deciding; shape 0; asks 1 again; later 2 3"),
-    ((*REOPENED, Accept(1, 0.5)), "ready; shape 0 1 2 3"),
-    ((*REOPENED, Nudge(1, at(0.05)), Accept(1)), "follow 2; shape 0 1; later 2 3"),
-    ((*REOPENED, Nudge(1, at(0.05)), Accept(1), Followed(5, 2, at(0.2))), "follow 3; shape 0 1 2; later 3"),
-    ((*REOPENED, Skip(1)), "follow 2; shape 0; skipped 1; later 2 3; refused 1"),
-    (ASKED_AGAIN, "deciding; shape 0; asks 2 again; rejected 1 (wrong place); later 3; refused 1"),
-    (
-        (*ASKED_AGAIN, Skip(2), Followed(6, 3, at(0.3))),
-        "ready; shape 0 3; rejected 1 (wrong place); skipped 2; refused 1",
-    ),
-    ((*ASKED_AGAIN, Undo(), Undo()), "ready; shape 0 1 2 3"),
-    # While views follow, nothing is lost by an undo, a cancelled computation, or another decision.
-    (
-        (*REOPENED, Reject(1), Undo(), Redo(), Propose()),
-        "follow 2; shape 0; rejected 1 (wrong place); later 2 3; refused 1",
-    ),
-    (
-        (*REOPENED, Reject(1), Cancel()),
-        "ready; shape 0; rejected 1 (wrong place); later 2 3; refused 1",
-    ),
-    ((*THREE, Reopen(2), Propose(5), Proposed(5, 5, at(0.5))), "deciding; shape 0 1; asks 5; later 2 3"),
-    ((*THREE, Reopen(2), Propose(5), Proposed(5, 5, at(0.5)), Accept(5)), "follow 2; shape 0 1 5; later 2 3"),
-    ((*THREE, Reopen(3), Reopen(1)), "deciding; shape 0; asks 1 again; later 2 3"),
-    ((*THREE, Reopen(1), Reopen(3)), "deciding; shape 0; asks 3 again; later 1 2"),
-    ((*REOPENED, Propose(3), Proposed(5, 3, at(0.4))), "deciding; shape 0; asks 3 again; later 1 2"),
+    # A reopened view is asked again; no other decision changes.
+    (REOPENED, "deciding; shape 0 2 3; asks 1"),
+    ((*REOPENED, Accept(1, 0.5)), "ready; shape 0 2 3 1"),
+    ((*REOPENED, Skip(1)), "ready; shape 0 2 3; skipped 1; refused 1"),
+    ((*REOPENED, Reject(1), Undo(), Undo()), "ready; shape 0 1 2 3"),
+    ((*THREE, Reopen(2), Propose(5), Proposed(5, 5, at(0.5)), Accept(5)), "ready; shape 0 1 3 5"),
+    ((*THREE, Reopen(3), Reopen(1)), "deciding; shape 0 2; asks 1"),
+    # A part of an accepted view is placed elsewhere in one decision, wherever it hung.
+    ((*THREE, TakePart(2, 1, at(0.5))), "deciding; shape 0 1 3; asks 2"),
+    ((*STARTED, AcceptAll((3, 5)), TakePart(3, 0, at(0.5)), Accept(3)), "ready; shape 0 5 3"),
+    ((*STARTED, AcceptAll((3, 5)), TakePart(3, 0, at(0.5)), Undo()), "ready; shape 0 3 5"),
     ((*PENDING, Reject(1), Propose(), Proposed(3, 2, at(0.2)), Accept(2), Reopen(1)), "propose 1; shape 0 2"),
     ((*PENDING, Skip(1), Propose(2), Proposed(3, 2, at(0.2)), Accept(2), Reopen(1)), "propose 1; shape 0 2"),
-    # A stroke changes the views themselves: they follow it, a proposal is dropped, a restart keeps it.
+    # A stroke drops a proposal, whose view may show other cloth; a restart keeps it.
     ((Start(4), THIS), "start 4; strokes 1"),
     ((*PENDING, STROKE), "ready; shape 0; strokes 1"),
-    ((*THREE, THIS), "follow 1; shape 0; later 1 2 3; strokes 1"),
-    ((*THREE, THIS, Followed(5, 1, at(0.1))), "follow 2; shape 0 1; later 2 3; strokes 1"),
-    ((*REOPENED, OTHER), "follow 1; shape 0; later 1 2 3; strokes 1"),
+    ((*THREE, THIS), "ready; shape 0 1 2 3; strokes 1"),
+    ((*REOPENED, OTHER), "ready; shape 0 2 3; strokes 1"),
     ((*THREE, OTHER, Undo()), "ready; shape 0 1 2 3"),
     ((*THREE, OTHER, Restart()), "start None; strokes 1"),
 ]  # fmt: skip
@@ -203,6 +183,7 @@ ILLEGAL: list[tuple[Steps, Command, str]] = [
     (PENDING, Nudge(4, Rigid2()), "it is view 1 now, not 4"),
     (PENDING, Nudge(1, Rigid2(math.nan, 0, 0)), "finite"),
     (PENDING, TakePart(1, 2, Rigid2(math.nan, 0, 0)), "finite"),
+    ((*PENDING, Reject(1)), TakePart(1, 2, Rigid2()), "no proposal"),
     (PENDING, LeaveOut(1, 3, 1), "Part 2 of view 3 is not placed with the proposal"),
     ((*PENDING, Accept(1)), Accept(1), "no proposal"),  # the second click of a double click
     ((*PENDING, Accept(1), Propose()), Accept(1), "computation is running"),
@@ -270,21 +251,26 @@ def test_an_accepted_view_keeps_the_score_of_where_it_was_accepted(steps: Steps,
     assert after(*PENDING, *steps).document.accepted[0].score == score
 
 
-def test_views_that_follow_a_changed_one_lie_where_they_are_found_and_tell_why_they_are_asked() -> None:
+def test_a_reopened_view_is_asked_about_where_it_lay() -> None:
     pending = after(*REOPENED).document.pending
     assert (pending.current_from_new, pending.score) == (at(0.1), 0.9)
-    changed = (*REOPENED, Nudge(1, at(0.05)), Accept(1, 0.6))
-    document = after(*changed, Followed(5, 2, at(0.25), 0.85), Followed(6, 3, at(0.35), math.nan, 2)).document
-    found = [(a.view_index, a.current_from_new.u_m, a.score, a.fixed) for a in document.accepted]
-    assert found == [(1, pytest.approx(0.15), 0.6, True), (2, 0.25, 0.85, False), (3, 0.35, None, False)]
-    assert [a.component for a in document.accepted] == [0, 0, 2]
-    asked = after(*ASKED_AGAIN).document.pending
-    assert (asked.why, asked.again.decision.current_from_new) == ("It does not fit.", at(0.2))
-    by_hand = after(*REOPENED, Propose(3), Proposed(5, 3, at(0.4), score=0.5)).document.pending
-    assert by_hand.again.decision == after(*THREE).document.accepted[2]
     # Moved by hand once, it is so when it is accepted where it lay.
     again = (*PENDING, Nudge(1, at(0.05)), Accept(1), Reopen(1), Accept(1))
     assert after(*again).document.accepted[0].fixed
+
+
+def test_what_lies_on_a_view_that_is_gone_lies_there_on_the_one_below_and_that_one_is_placed_again() -> None:
+    part = PlacedPart(0, 1, at(0.03))
+    second, third = (
+        Proposed(token, view, Rigid2(0.5, 0.1 * view, 0.0), also=(part,), on=view - 1)
+        for token, view in ((3, 2), (4, 3))
+    )
+    state = after(*PENDING, Accept(1), Propose(), second, Accept(2), Propose(), third, Accept(3), Reopen(2))
+    assert (state.request.kind, state.request.view_index) == ("propose", 2)
+    (_, last) = state.document.accepted
+    motion = second.current_from_new
+    assert (last.on, last.current_from_new) == (1, motion @ third.current_from_new)
+    assert last.also == (replace(part, current_from_new=motion @ part.current_from_new),)
 
 
 def test_another_part_is_placed_where_it_is_put_and_back_at_its_hypothesis_is_not_moved() -> None:

@@ -22,7 +22,6 @@ from flatcloth.session.machine import (
     Command,
     Event,
     Failed,
-    Followed,
     LeaveOut,
     NothingMore,
     Nudge,
@@ -81,10 +80,8 @@ COMMANDS: st.SearchStrategy[Command] = st.one_of(
 
 
 def acceptances(document: Document) -> list[int]:
-    """The views of all acceptances that stand, wait to follow, or are asked again."""
-    again = document.pending.again if document.pending else None
-    waiting = [w.decision.view_index for w in (*document.later, *((again,) if again else ()))]
-    return sorted([a.view_index for a in document.accepted] + waiting)
+    """The views of all acceptances that stand."""
+    return sorted(a.view_index for a in document.accepted)
 
 
 class Sessions(RuleBasedStateMachine):
@@ -124,13 +121,13 @@ class Sessions(RuleBasedStateMachine):
         assert redone.redo == ()
 
     def no_acceptance_is_lost(self, step: Command | Event, before: SessionState) -> None:
-        """Only a verdict on a view itself, or a restart, ends its acceptance."""
+        """Only a decision about a view itself, or a restart, ends its acceptance."""
         if isinstance(step, Undo | Redo | Restart):
             return
         stood, stands = acceptances(before.document), acceptances(self.state.document)
         if isinstance(step, Accept):
             assert stands == sorted({*stood, step.view_index})
-        elif isinstance(step, Reject | Skip):
+        elif isinstance(step, Reject | Skip | Reopen | TakePart):
             assert stands == [v for v in stood if v != step.view_index]
         else:
             assert stands == stood
@@ -170,15 +167,12 @@ class Sessions(RuleBasedStateMachine):
         elif request.kind == "start":
             view = request.view_index if request.view_index is not None else choice % len(RECORDING)
             self.do(Started(request.token, view))
-        elif request.kind == "follow":
-            assert request.view_index is not None
-            view = request.view_index
-            self.do(Followed(request.token, view, motion, score, holds=luck < 7, why="moved"))
         elif luck == 1 or not free:
             self.do(NothingMore(request.token, "The turn is complete."))
         else:
             view = request.view_index if request.view_index is not None else free[choice % len(free)]
-            self.do(Proposed(request.token, view, motion, side, score))
+            on = [None, *self.state.document.views_in_order][luck % 2 and -1]
+            self.do(Proposed(request.token, view, motion, side, score, on=on))
         assert self.state.phase is not Phase.COMPUTING
 
     @precondition(lambda self: self.state.document.pending is not None and self.state.request is None)
@@ -192,18 +186,18 @@ class Sessions(RuleBasedStateMachine):
     @precondition(lambda self: self.state.document.reopenable_views and self.state.request is None)
     @rule(choice=st.integers(0, 5))
     def reopen(self, choice: int) -> None:
-        """A decision is reopened; deciding the same again brings everything back as it was."""
+        """A decision is reopened, and accepted as it was; the others stay, where they lie."""
         decided = sorted(self.state.document.reopenable_views)
         view = decided[choice % len(decided)]
         was = self.state.document
         self.do(Reopen(view))
         pending = self.state.document.pending
-        untouched = was.pending is None and not was.later and view in {a.view_index for a in was.accepted}
-        if untouched and pending is not None:
-            same = apply(self.state, Accept(view, 0.123))
-            assert same.request is None
-            assert same.document.accepted == was.accepted
-            assert same.document.later == ()
+        assert {a.view_index for a in self.state.document.accepted} == was.used_views - {was.start_view, view}
+        for added in self.state.document.accepted:
+            assert added.on in (None, *self.state.document.used_views)
+        if pending is not None:
+            again, gone = apply(self.state, Accept(view)), {a.view_index: a for a in was.accepted}[view]
+            assert again.document.accepted[-1] == gone
 
     @rule(age=st.integers(1, 5), view=VIEWS, motion=MOTIONS)
     def late_answer(self, age: int, view: int, motion: Rigid2) -> None:
@@ -220,17 +214,13 @@ class Sessions(RuleBasedStateMachine):
     @precondition(lambda self: self.state.document.start_view is not None)
     @rule(stroke=IMAGE_STROKES.filter(lambda s: 0 <= s.view_index < len(RECORDING)))
     def paint(self, stroke: ImageStroke) -> None:
-        """Every view of the shape is laid anew in its order, since each may show other cloth now."""
+        """The shape is that of the same views, each of which may show other cloth now."""
         was = self.state.document
         self.do(stroke)
         document = self.state.document
         assert document.strokes == (*was.strokes, stroke)
-        assert document.accepted == ()
+        assert document.accepted == was.accepted
         assert document.pending is None
-        assert [w.decision for w in document.later[: len(was.accepted)]] == list(was.accepted) or was.pending
-        if document.later:
-            assert self.state.request.kind == "follow"
-            assert self.state.request.view_index == document.later[0].decision.view_index
 
     @rule()
     def killed_and_resumed(self) -> None:

@@ -15,10 +15,8 @@ from flatcloth.core.errors import FlatclothError, FlatteningError, JournalError
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.paper.merging import shows
 from flatcloth.session.document import PlacedPart
-from flatcloth.session.machine import Cancel, Followed, Nudge, Reject, Reopen
+from flatcloth.session.machine import Nudge
 from flatcloth.viewer.modes.controller import MOST_WAITING
-from flatcloth.viewer.server.app import PageServer
-from flatcloth.viewer.server.workspace import Opened
 
 Says = dict[str, Any]
 Told = dict[str, Any]
@@ -62,10 +60,6 @@ def accepted(view: int) -> tuple[Says, Told]:
 
 ONE = [*ASKED, accepted(1)]
 THREE = [*ONE, (do("step"), proposed(2)), accepted(2), (do("step"), proposed(3)), accepted(3)]
-REOPENED = [
-    *THREE,
-    (do("reopen", 1), proposed(1, **{"pending.again": True, "n_later": 2, "views.2.state": "later"})),
-]
 UNSURE = {"scores": 0.1}
 
 SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
@@ -101,18 +95,12 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
          {"pending.nudge.theta_deg": near(math.degrees(0.2)), "pending.nudge.u_mm": near(10.0),
           "pending.nudge.v_mm": near(0, abs=1e-6)}),
     ]),
-    "a reopened view is asked, and the later ones follow its verdict": ({}, [
-        *REOPENED,
-        (do("reject", 1), {"phase": "ready", "n_later": 0, "views.1.state": "rejected",
-                           "views.2.state": "accepted", "views.3.state": "accepted"}),
-    ]),
-    "what no longer holds is asked again, and undo brings all back": ({"follow_score": 0.1}, [
-        *REOPENED,
-        (do("reject", 1), {"pending.view_index": 2, "views.1.state": "rejected", "views.3.state": "later",
-                           "pending.why": "No longer sure.",
-                           "log.-1.text": "View 2 is asked again. No longer sure."}),
+    "a reopened view is asked, all other decisions stay, and undo brings it back": ({}, [
+        *THREE,
+        (do("reopen", 1), proposed(1, **{"step": 3, "views.2.state": "accepted"})),
+        (do("reject", 1), {"phase": "ready", "views.1.state": "rejected", "views.3.state": "accepted"}),
         (do("undo"), {"views.1.state": "pending"}),
-        (do("undo"), {"views.1.state": "accepted", "views.2.state": "accepted", "views.3.state": "accepted"}),
+        (do("undo"), {"views.1.state": "accepted", "step": 4}),
     ]),
     "Auto waits where it is unsure, goes on after the verdict, and undo stops it": (UNSURE, [
         BEGUN,
@@ -479,17 +467,3 @@ def test_cancel_gives_the_work_up_stops_auto_and_the_late_answer_is_dropped(serv
         integration.gate.set()
         # View 1 was what the cancelled work would have proposed.
         leads_to(tab, do("view", 5), proposed(5))
-
-
-def test_a_program_that_was_killed_while_views_followed_goes_on_with_them(integration, folder) -> None:
-    with PageServer(Opened(integration, folder)) as server, Tab(server) as tab:
-        for said, told in THREE:
-            leads_to(tab, said, told)
-    # The last is what resuming a journal does with work that nobody does any more.
-    for step in (Reopen(1), Reject(1), Cancel()):
-        folder.record(step)
-    assert len(folder.state.document.later) == 2
-    with PageServer(Opened(integration, folder)) as server, Tab(server) as tab:
-        leads_to(tab, None, {"phase": "ready", "n_later": 0, "views.1.state": "rejected",
-                             "views.2.state": "accepted", "views.3.state": "accepted"})  # fmt: skip
-    assert [type(command) for command in folder.recorded[-2:]] == [Followed, Followed]

@@ -23,7 +23,7 @@ from flatcloth.methods.paper.merging import Renewed, begin, lay_over, renew
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.paper.planning import choose, column_curves, plan_side
 from flatcloth.methods.starting import fronts, overlap_area_m2, start_by_component
-from flatcloth.session.document import Accepted, Document, Later, PlacedPart, Side
+from flatcloth.session.document import Accepted, Document, PlacedPart, Side
 
 
 class PaperMethod(Departures):
@@ -162,26 +162,13 @@ class PaperMethod(Departures):
 
     def _renewed(self, canonical: Renewed, added: Accepted) -> Renewed:
         """Add a view, and the components that were placed with it (the paper has one surface)."""
-        new = PlacedPart(added.view_index, added.component, added.current_from_new)
+        current_from_on = Rigid2() if added.on is None else canonical.current_from_view[added.on]
+        new = PlacedPart(added.view_index, added.component, current_from_on @ added.current_from_new)
         grown = renew(canonical, self._views.part, new, added.side)
         plane_from_current = added.current_from_new.inverse()
         for part in added.also:
             motion = plane_from_current @ part.current_from_new
             grown = lay_over(grown, self._views.part, replace(part, current_from_new=motion))
         return grown
-
-    def carried(self, document: Document, later: Later) -> Rigid2:
-        """Return the placement of a later decision on the present plane, from its predecessor.
-
-        If the predecessor is no longer part of the shape, it is derived from the start view.
-        """
-        current_from_view = self.canonical(document).current_from_view
-        motion = later.decision.current_from_new
-        for before in reversed(later.on):
-            if before.view_index in current_from_view:
-                return current_from_view[before.view_index] @ motion
-            motion = before.current_from_new @ motion
-        assert document.start_view is not None
-        return current_from_view[document.start_view] @ motion
 
     # ------------------------------------------------- what the rest of the program asks

@@ -49,7 +49,7 @@ from flatcloth.methods.robust.seams.laying import MOST_STD_M
 from flatcloth.methods.robust.shapes import MOST_KEPT, RegisteredViews, Shapes, shape_key
 from flatcloth.methods.starting import overlap_area_m2, start_by_view
 from flatcloth.registration.registered import Registered
-from flatcloth.session.document import Accepted, Document, Later, Side
+from flatcloth.session.document import Accepted, Document, Side
 from flatcloth.shape.algorithm import as_decided
 from flatcloth.shape.drawing import draw, states_of_nodes, states_on_surface
 from flatcloth.shape.joints import DecidedParts
@@ -333,10 +333,6 @@ class RobustMethod(Method):
         return self.seen.why_unusable(view_index)
 
     # ------------------------------------------------- what the rest of the program asks
-
-    def carried(self, document: Document, later: Later) -> Rigid2:
-        """Return the placement of a later decision, which is unchanged because the plane is fixed."""
-        return later.decision.current_from_new
 
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views."""

@@ -28,7 +28,7 @@ from flatcloth.grasping.visibility import Visibility
 from flatcloth.methods.answers import Seam
 from flatcloth.session.document import Document
 from flatcloth.session.journal import SheetSide
-from flatcloth.session.machine import Command, Reopen, TakePart
+from flatcloth.session.machine import Command, TakePart
 from flatcloth.shape.joints import NEGLIGIBLE
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
@@ -223,7 +223,7 @@ class DoubtService:
             views = [accepted.view_index for accepted in shape.document.accepted]
             found = place_of_piece(self._page.integration.views, piece, views)
             there = by @ found.current_from_new
-            return Reopen(found.view_index), TakePart(found.view_index, found.component, there)
+            return (TakePart(found.view_index, found.component, there),)
 
         return structs.replace(doubt, choices=choices), decide
 

@@ -192,7 +192,7 @@ def next_step(state: SessionState, auto: AutoInfo, settings: Settings, picture: 
         unsure = _what_is_unsure(pending, settings.auto_threshold)
         return Wait(unsure) if unsure else Accept(pending.view_index)
     n_views = len(document.used_views)
-    if settings.auto_until == "views" and n_views >= settings.auto_views and not document.later:
+    if settings.auto_until == "views" and n_views >= settings.auto_views:
         enough = f"The shape has {n_views} views, as chosen."
         return End(f"Auto has ended. {enough}", by_choice=enough)
     return Propose()

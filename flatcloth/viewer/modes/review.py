@@ -89,7 +89,7 @@ class ReviewService:
         orders = {a.view_index: n for n, a in enumerate(document.accepted, start=1)}
         if document.start_view is not None:
             orders[document.start_view] = 0
-        accepted = {a.view_index: a for a in (*document.accepted, *(w.decision for w in document.later))}
+        accepted = {a.view_index: a for a in document.accepted}
         added = self._areas.added_m2(document)
         rows = {}
         for view in {*orders, *accepted}:

@@ -22,7 +22,6 @@ from flatcloth.session.machine import (
     Command,
     Event,
     Failed,
-    Followed,
     LeaveOut,
     Nudge,
     Phase,
@@ -128,8 +127,6 @@ class Application(PageController):
             self._sides.look_first()
         if self._state.request is None and document.start_view is None:
             self._do(Start())
-        elif self._state.phase is Phase.READY and document.later:
-            self._do(Propose())  # the program ended while later decisions followed
         else:
             self._settle()
 
@@ -412,8 +409,6 @@ class Application(PageController):
                 self._take_picture(replace(picture, document=self._state.document))
         finally:
             self._settle()
-        if isinstance(event, Followed) and not event.holds:
-            self.tell(None, "warning", f"View {event.view_index} is asked again. {event.why}")
 
     def _drawn(self, picture: Picture | str) -> None:
         """Show the present picture, or why the shape cannot be drawn."""
@@ -426,7 +421,7 @@ class Application(PageController):
     def _undrawn(self, trouble: str) -> None:
         """Go on although the shape cannot be drawn, as when strokes leave its start view too little cloth."""
         document = self._state.document
-        decided = document.accepted or document.later or document.pending
+        decided = document.accepted or document.pending
         # After an undo the user goes back past it.
         if document.strokes and not decided and not self._state.redo:
             self._end_auto("warning", f"{trouble} Another start view is chosen; Undo takes it back.")

@@ -75,7 +75,7 @@ cancel | Cancel | Escape | Cancel the running computation.
 restart | Restart | n | Start again from the largest view; this can be undone.
 """,
     "timeline": """
-reopen | Reopen | Ctrl+e | Decide again about the chosen view; views accepted later follow.
+reopen | Reopen | Ctrl+e | Decide again about the chosen view; all other decisions stay.
 play_views | Play | Space | Turn the item once through all views; again: stop.
 next_undecided | Next undecided | j | Go to the next view on the timeline without a decision.
 review | List | Shift+r | Show or hide the list of all views: sort, filter, turn the item to one, decide

@@ -473,7 +473,6 @@ def of_session(
         "finished": document.finished,
         "undo": state.undo[-1].name if state.undo else None,
         "redo": state.redo[-1].name if state.redo else None,
-        "n_later": len(document.later),
         "request": request,
         "views": tuple(_views(state, angles_deg, reviewed)),
         "progress": progress or (sent.Progress(share=0.0, text=text) if compiling else None),
@@ -491,14 +490,11 @@ def _views(
     verdicts: dict[int | None, tuple[sent.ViewState, str, float | None]] = {
         **{skipped.view_index: ("skipped", "", None) for skipped in document.skipped},
         **{rejected.view_index: ("rejected", rejected.reason, None) for rejected in document.rejected},
-        **{w.decision.view_index: ("later", "", w.decision.score) for w in document.later},
         **{a.view_index: ("fixed" if a.fixed else "accepted", "", a.score) for a in document.accepted},
     }
     if document.pending is not None:
         verdicts[document.pending.view_index] = "pending", document.pending.why, None
     verdicts[document.start_view] = "start", "", None
-    order = [*document.accepted, *(later.decision for later in document.later)]
-    follows = {decision.view_index: len(order) - n for n, decision in enumerate(order, start=1)}
     for index, angle_deg in enumerate(angles_deg):
         word, detail, score = verdicts.get(index, ("unused", "", None))
         command = Start(index) if document.start_view is None else Propose(index)
@@ -508,7 +504,6 @@ def _views(
             state=word,
             detail=detail,
             score=score,
-            follows=follows.get(index, 0),
             why_not=why_illegal(state, command) if word != "pending" else "This view is the proposal.",
             why_not_reopen=why_illegal(state, Reopen(index)),
             **reviewed.get(index, {}),
@@ -535,7 +530,6 @@ def _pending(document: Document, picture: Picture | None) -> sent.PendingInfo | 
             v_mm=1000 * float(shift[1]),
         ),
         why=pending.why,
-        again=pending.again is not None,
         **({} if overlay is None else _computed(pending, overlay)),
     )
 

@@ -153,7 +153,7 @@ class ActiveStatus(Sent, frozen=True):
     steps: tuple[dict[str, Any], ...]
 
 
-ViewState = Literal["unused", "start", "pending", "accepted", "fixed", "later", "rejected", "skipped"]
+ViewState = Literal["unused", "start", "pending", "accepted", "fixed", "rejected", "skipped"]
 
 
 class RecordingInfo(Sent, frozen=True):
@@ -172,7 +172,6 @@ class ViewRow(Sent, frozen=True):
     state: ViewState
     detail: str = ""
     score: float | None = None
-    follows: int = 0
     why_not: str | None = None
     why_not_reopen: str | None = None
     flagged: bool = False
@@ -346,7 +345,6 @@ class PendingInfo(Sent, frozen=True):
     side: str | None
     score: float | None
     why: str
-    again: bool
     nudge: Motion
     pieces: tuple[PendingPart, ...] = ()
     also: tuple[PlacedPartInfo, ...] = ()
@@ -494,7 +492,6 @@ class PageState(ServerMessage, tag="state", frozen=True):
     finished: str | None = None
     undo: str | None = None
     redo: str | None = None
-    n_later: int = 0
     request: Request | None = None
     progress: Progress | None = None
     pending: PendingInfo | None = None
