@@ -207,12 +207,8 @@ def beside_masks(source: str, truth: Truth, found: Segmentation) -> Row:
 def measured(source: str) -> tuple[Row, list[Said]]:
     """Measure one recording; return also what is said, unaided and after each stroke."""
     recording, truth = Remembered(open_recording(source)), Truth(source)
-    for n in range(len(recording)):  # read before the time is taken
-        recording[n]
-    began = time.process_time()
     solver = side_solver(recording)
     found, observed = solver.solve(()), solver.observed
-    prepare_s = time.process_time() - began
     first = seen_truth(observed, truth, *side_shown_first(found, truth))
     true = seen_truth(observed, truth, truth.panel_of_interest, True)
     scores, rows, seconds = [scored(found, true)], [said(solver, (), first)], [0.0]
@@ -229,14 +225,11 @@ def measured(source: str) -> tuple[Row, list[Said]]:
     row: Row = {
         "recording": recording.name,
         "garment": truth.garment,
-        "clusters": observed.clusters.count,
-        "prepare_cpu_s": round(prepare_s, 2),
         "stroke_cpu_s": round(max(seconds), 3),
         "unaided": _table(scored(found, first)),
         "certainty_unaided": round(solver.solve(()).mean_certainty, 3),
         "wrong_doubted": round(doubted(rows[:1]), 3),
         "strokes": [_table(score) for score in scores],
-        "made": len(decisions),
         **beside_masks(source, truth, solver.solve(decisions[:1])),
     }
     return row, rows

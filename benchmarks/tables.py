@@ -114,20 +114,23 @@ def garment_figures() -> str:
 
 
 def segmentation() -> str:
-    """Return wrong and found shares after strokes, the largest wrong share after six first."""
-    rows = sorted(result("segmentation")["rows"], key=lambda row: -row["strokes"][6]["wrong"])
+    """Return wrong and found shares, unaided and after strokes, the largest wrong share unaided first."""
+    rows = sorted(result("segmentation")["rows"], key=lambda row: -row["unaided"]["wrong"])
 
     def cell(found: dict[str, float]) -> str:
         return f"{100 * found['wrong']:.1f} / {100 * found['recall']:.1f}"
 
+    headings = "recording", "no stroke: wrong / found, %", "mean certainty", *("1 stroke", "2", "3")
+    numbers = {"coverage with masks": "covered_with_masks", "without": "covered", "time": "time_ratio"}
     return table(
-        ("recording", "no stroke: wrong / found, %", "mean certainty", "1 stroke", "2 strokes", "6 strokes"),
+        (*headings, *numbers),
         [
             (
                 row["recording"],
                 cell(row["unaided"]),
                 f"{row['certainty_unaided']:.2f}",
-                *(cell(row["strokes"][count]) for count in (1, 2, 6)),
+                *(cell(found) for found in row["strokes"][1:]),
+                *(f"{row[name]:.2f}" for name in numbers.values()),
             )
             for row in rows
         ],

@@ -53,7 +53,7 @@ class Accepted:
     one (paper, 4.3); None if the shape has a plane of its own. ``component`` is the number of the view's
     component that is placed, 0 for the largest, ``NO_COMPONENT`` for none. ``fixed``: it was placed by hand.
     ``score`` is that of the placement when it was accepted, None if unknown. ``also`` are the components that
-    were placed with it, ``left_out`` those (view, component) that the operator left out.
+    were placed with it.
     """
 
     view_index: int
@@ -63,7 +63,6 @@ class Accepted:
     component: int = 0
     score: float | None = None
     also: tuple[PlacedPart, ...] = ()
-    left_out: frozenset[tuple[int, int]] = frozenset()
     on: int | None = None
 
 
@@ -91,7 +90,7 @@ class Pending:
     ``proposed`` is the result of the method, ``nudge`` the operator's change: the effective
     placement is ``nudge @ proposed``; ``on`` and ``fixed`` as in :class:`Accepted`.
     ``why`` explains the placement. ``also`` are the components that are placed with it, as proposed; a nudge
-    moves them along. ``left_out`` are those (view, component) that the operator left out.
+    moves them along.
     """
 
     view_index: int
@@ -103,7 +102,6 @@ class Pending:
     fixed: bool = False
     why: str = ""
     also: tuple[PlacedPart, ...] = ()
-    left_out: frozenset[tuple[int, int]] = frozenset()
     on: int | None = None
 
     @property
@@ -155,11 +153,6 @@ class Document:
         n = len(self.accepted)
         refused = (r.view_index for r in self.rejected if r.reason != UNSURE or r.after_accepted == n)
         return self.put_off.union(refused)
-
-    @property
-    def left_out(self) -> frozenset[tuple[int, int]]:
-        """The components (view, component) of accepted views that the operator left out."""
-        return frozenset().union(*(a.left_out for a in self.accepted))
 
     @property
     def placed_components(self) -> dict[int, int]:
@@ -215,20 +208,10 @@ def accept(document: Document, score: float | None) -> Document:
         component=pending.component,
         score=score,
         also=pending.also_placed,
-        left_out=pending.left_out,
         on=pending.on,
     )
     document = _without_verdict(document, pending.view_index)
     return replace(document, accepted=(*document.accepted, added), pending=None)
-
-
-def leave_out(document: Document, view_index: int, component: int) -> Document:
-    """Leave out a component that would be placed with the proposal."""
-    pending = document.pending
-    assert pending is not None
-    part = (view_index, component)
-    also = tuple(p for p in pending.also if (p.view_index, p.component) != part)
-    return replace(document, pending=replace(pending, also=also, left_out=pending.left_out | {part}))
 
 
 def accept_all(document: Document, view_indices: Iterable[int], left_out: Mapping[int, str]) -> Document:
@@ -290,7 +273,6 @@ def asked_again(document: Document, view_index: int) -> Document:
         component=gone.component,
         fixed=gone.fixed,
         also=gone.also,
-        left_out=gone.left_out,
         on=None if gone.on is None else document.views_in_order[-1],
     )
     return replace(document, pending=pending)

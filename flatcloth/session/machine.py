@@ -108,15 +108,6 @@ class TakePart:
 
 
 @dataclass(frozen=True)
-class LeaveOut:
-    """Leave out a component that would be placed with the pending view: it waits."""
-
-    view_index: int
-    part_view: int
-    component: int
-
-
-@dataclass(frozen=True)
 class Undo:
     """Undo the last decision."""
 
@@ -193,7 +184,6 @@ Command = (
     | Reopen
     | Nudge
     | TakePart
-    | LeaveOut
     | Decision  # a stroke
     | GarmentCommand
     | Undo
@@ -341,9 +331,7 @@ def _why_not_reopen(document: Document, view_index: int) -> str | None:
     return None
 
 
-def _why_not_decide(
-    document: Document, command: Accept | Reject | Skip | Nudge | TakePart | LeaveOut
-) -> str | None:
+def _why_not_decide(document: Document, command: Accept | Reject | Skip | Nudge | TakePart) -> str | None:
     pending = document.pending
     accepted = {added.view_index for added in document.accepted}
     if pending is None and not (isinstance(command, TakePart) and command.view_index in accepted):
@@ -354,12 +342,6 @@ def _why_not_decide(
         by = command.by if isinstance(command, Nudge) else command.current_from_new
         if not all(math.isfinite(x) for x in (by.theta_rad, by.u_m, by.v_m)):
             return "A nudge needs finite numbers."
-    if isinstance(command, LeaveOut) and pending is not None:
-        placed = {(part.view_index, part.component) for part in pending.also}
-        if (command.part_view, command.component) not in placed:
-            return (
-                f"Part {command.component + 1} of view {command.part_view} is not placed with the proposal."
-            )
     return None
 
 
@@ -450,9 +432,6 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             nudge = Rigid2() if motion == proposed else motion @ proposed.inverse()
             taken = replace(again.pending, component=component, nudge=nudge, also=())
             return _edit(state, f"take part {component + 1} of view {view}", replace(again, pending=taken))
-        case LeaveOut(part_view=view, component=component):
-            name = f"leave out part {component + 1} of view {view}"
-            return _edit(state, name, edits.leave_out(document, view, component))
         case ImageStroke() | SpaceStroke():
             painted = _edit(state, _name_of(command), edits.paint(document, command))
             if document.start_view is None and state.request is not None:

@@ -34,14 +34,6 @@ export interface TakePart {
   component: number;
 }
 
-/** Leave out a part that would be placed with the pending view: a component of ``part_view``. */
-export interface LeaveOut {
-  type: "leave_out";
-  view_index: number;
-  part_view: number;
-  component: number;
-}
-
 /** Refine the pending view from where it lies. */
 export interface Refine {
   type: "refine";
@@ -260,7 +252,6 @@ export type ClientMessage =
   | Move
   | Preview
   | TakePart
-  | LeaveOut
   | Refine
   | Pairs
   | Hover

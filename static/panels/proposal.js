@@ -2,7 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { joinsBy, joiningText, overlapOfProposal } from "../canvas/overlap.js";
-import { button, buttonOf, make, section, valueRows, values } from "../page/dom.js";
+import { buttonOf, make, section, valueRows, values } from "../page/dom.js";
 import { cm2, degrees, number, vector } from "../page/format.js";
 
 const SEEN = 0.05; // mm, or degrees: what is shown as 0.0 is no move
@@ -131,25 +131,15 @@ export class ProposalPanel extends PagePart {
   }
 
   /** The further parts that accepting the proposal places too. */
-  placedWithIt(/** @type {Pending} */ { also, view_index }) {
+  placedWithIt(/** @type {Pending} */ { also }) {
     const row = (/** @type {Pending["also"][number]} */ part) => {
-      const { view_index: part_view, component, area_cm2, place_uv_m } = part;
-      const name = nameOf(part);
+      const { area_cm2, place_uv_m } = part;
       const show = {
-        key: `show-part-${part_view}-${component}`,
+        key: `show-part-${nameOf(part)}`,
         tip: `Its place is found like the proposal's.${SHOWS}`,
         click: () => this.canvas.centerOn(...place_uv_m),
       };
-      const leaveOut = () => this.page.send({ type: "leave_out", view_index, part_view, component });
-      return make(
-        "li",
-        make("button", show, make("span", name), make("span", cm2(area_cm2))),
-        button("Leave out", leaveOut, {
-          label: `Leave out ${name}`,
-          key: `leave-out-${part_view}-${component}`,
-          tip: "Accept the proposal without this part. It is not proposed again; Undo takes it back.",
-        }),
-      );
+      return make("li", make("button", show, make("span", nameOf(part)), make("span", cm2(area_cm2))));
     };
     const list = () => [make("p.note", "Accepting also places:"), make("ul", ...also.map(row))];
     return also.length > 0 && make("div#placed-with-it.placed-with-it", ...list());

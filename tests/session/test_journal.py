@@ -21,7 +21,6 @@ from flatcloth.session.garment import (
 from flatcloth.session.journal import Pick, PickDeleted, PickRenamed, decode, encode
 from flatcloth.session.machine import (
     AcceptAll,
-    LeaveOut,
     Nudge,
     Phase,
     Propose,
@@ -49,7 +48,6 @@ ALSO = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.
         *AGAIN[:-4],
         AcceptAll((3, 5), ((4, "it shows nothing"),)),
         Proposed(2, 1, Rigid2(), Side.LEFT, 0.9, also=ALSO, why="It was asked for."),
-        LeaveOut(1, 0, 1),
         ImageStroke(side="this", view_index=1, points_rc=((1.0, 2.0), (3.0, 4.0))),
         SpaceStroke(side="other", points_m=((0.0, 0.1, 0.8),), normals=((0.0, 0.0, -1.0),)),
         STROKE,

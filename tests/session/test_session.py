@@ -17,7 +17,6 @@ from flatcloth.session.machine import (
     Command,
     Event,
     Failed,
-    LeaveOut,
     NothingMore,
     Nudge,
     Propose,
@@ -184,7 +183,6 @@ ILLEGAL: list[tuple[Steps, Command, str]] = [
     (PENDING, Nudge(1, Rigid2(math.nan, 0, 0)), "finite"),
     (PENDING, TakePart(1, 2, Rigid2(math.nan, 0, 0)), "finite"),
     ((*PENDING, Reject(1)), TakePart(1, 2, Rigid2()), "no proposal"),
-    (PENDING, LeaveOut(1, 3, 1), "Part 2 of view 3 is not placed with the proposal"),
     ((*PENDING, Accept(1)), Accept(1), "no proposal"),  # the second click of a double click
     ((*PENDING, Accept(1), Propose()), Accept(1), "computation is running"),
     (ENDED, Propose(), "The turn is complete."),
@@ -288,35 +286,29 @@ ALSO = (PlacedPart(3, 1, Rigid2(0.0, 0.5, 0.0)), PlacedPart(0, 4, Rigid2(0.0, 0.
 SEVERAL = (*STARTED, Propose(), Proposed(2, 3, Rigid2(0.0, 0.2, 0.0), Side.LEFT, 0.8, also=ALSO))
 
 
-def placed_with(document: Document) -> tuple[tuple[PlacedPart, ...], frozenset[tuple[int, int]]]:
-    """The further parts of the only accepted view or of the proposal, and what was left out."""
-    of = document.pending or document.accepted[0]
-    return of.also, of.left_out
+def placed_with(document: Document) -> tuple[PlacedPart, ...]:
+    """The further parts of the only accepted view or of the proposal."""
+    return (document.pending or document.accepted[0]).also
 
 
 @pytest.mark.parametrize(
-    ("steps", "also", "left_out"),
+    ("steps", "also"),
     [
-        ((Accept(3),), ALSO, set()),
-        ((Accept(3), Undo()), ALSO, set()),
-        ((Accept(3), Reopen(3)), ALSO, set()),
-        ((TakePart(3, 2, Rigid2()), Accept(3)), (), set()),
-        ((LeaveOut(3, 0, 4),), ALSO[:1], {(0, 4)}),
-        ((LeaveOut(3, 0, 4), Undo()), ALSO, set()),
-        ((LeaveOut(3, 0, 4), Accept(3)), ALSO[:1], {(0, 4)}),
-        ((LeaveOut(3, 0, 4), LeaveOut(3, 3, 1)), (), {(0, 4), (3, 1)}),
-        ((LeaveOut(3, 0, 4), Accept(3), Reopen(3)), ALSO[:1], {(0, 4)}),
+        ((Accept(3),), ALSO),
+        ((Accept(3), Undo()), ALSO),
+        ((Accept(3), Reopen(3)), ALSO),
+        ((TakePart(3, 2, Rigid2()), Accept(3)), ()),
     ],
 )
 def test_further_parts_go_with_the_view_that_they_were_proposed_with(
-    steps: Steps, also: tuple[PlacedPart, ...], left_out: set[tuple[int, int]]
+    steps: Steps, also: tuple[PlacedPart, ...]
 ) -> None:
-    assert placed_with(after(*SEVERAL, *steps).document) == (also, left_out)
+    assert placed_with(after(*SEVERAL, *steps).document) == also
 
 
 def test_a_nudge_moves_further_parts_along_and_they_are_parts_of_their_views() -> None:
     document = after(*SEVERAL, Nudge(3, Rigid2(math.pi / 2, 0.01, 0.0)), Accept(3)).document
-    (moved, _), _ = placed_with(document)
+    moved, _ = placed_with(document)
     assert moved.current_from_new.apply([0.0, 0.0]) == pytest.approx([0.01, 0.5])  # type: ignore[arg-type]
     assert [document.components_of(view) for view in (0, 1, 3)] == [{0, 4}, set(), {0, 1}]
     assert after(*SEVERAL, Reject(3)).document.accepted == ()

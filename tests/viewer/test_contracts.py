@@ -163,14 +163,6 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
          {"undo": "take part 1 of view 1", "pending.nudge.u_mm": near(3.0)}),  # where it was found
         ({"type": "take_part", "view_index": 1, "component": 2}, {"note": "View 1 has no part 3 to place"}),
     ]),
-    "a part that accepting also places is shown and left out": ({"also": (PlacedPart(2, 0, Rigid2()),)}, [
-        BEGUN,
-        (do("step"), proposed(1, **{"pending.also.0.view_index": 2, "pending.also.0.component": 0})),
-        ({"type": "leave_out", "view_index": 1, "part_view": 2, "component": 0},
-         {"pending.also": [], "undo": "leave out part 1 of view 2"}),
-        ({"type": "leave_out", "view_index": 1, "part_view": 2, "component": 0},
-         {"note": "Part 1 of view 2 is not placed with the proposal"}),
-    ]),
 }  # fmt: skip
 
 

@@ -193,7 +193,7 @@ class Departures(Method):
         newest = self.angles_deg[document.accepted[-1].view_index] if document.accepted else 0.0
         found = []
         for view in sorted(document.used_views):
-            waiting = [n for n in self.sizeable(view) if (view, n) not in placed | document.left_out]
+            waiting = [n for n in self.sizeable(view) if (view, n) not in placed]
             turned = abs(wrapped_deg(self.angles_deg[view] - newest))
             if not waiting or turned > 2.0 * self._config.planning.z_angle_limit_deg:
                 continue  # nothing that the newest view shows is seen in this one

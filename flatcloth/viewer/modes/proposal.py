@@ -16,7 +16,6 @@ from flatcloth.session.document import Document, Pending, accept
 from flatcloth.session.machine import (
     Accept,
     Command,
-    LeaveOut,
     Nudge,
     Phase,
     Propose,
@@ -204,7 +203,7 @@ def after(auto: AutoInfo, command: Command) -> AutoInfo:
         return AutoInfo()
     if isinstance(command, Accept | Reject | Skip):
         return AutoInfo(running=True)
-    return auto if isinstance(command, Nudge | TakePart | LeaveOut) else AutoInfo()
+    return auto if isinstance(command, Nudge | TakePart) else AutoInfo()
 
 
 def _what_is_unsure(pending: Pending, threshold: float) -> str:

@@ -22,7 +22,6 @@ from flatcloth.session.machine import (
     Command,
     Event,
     Failed,
-    LeaveOut,
     Nudge,
     Phase,
     Propose,
@@ -148,8 +147,6 @@ class Application(PageController):
                 pending = proposal.asked_about(self._state.document, view)
                 place = proposal.place_of_part(pending, self._overlay, component)
                 self._by_hand(TakePart(view, component, place))
-            case messages.LeaveOut(view_index=view, part_view=part_view, component=component):
-                self._by_hand(LeaveOut(view, part_view, component))
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():

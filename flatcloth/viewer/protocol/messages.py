@@ -89,14 +89,6 @@ class TakePart(Said, tag="take_part", frozen=True, kw_only=True):
     component: Count
 
 
-class LeaveOut(Said, tag="leave_out", frozen=True, kw_only=True):
-    """Leave out a part that would be placed with the pending view: a component of ``part_view``."""
-
-    view_index: Count
-    part_view: Count
-    component: Count
-
-
 class Refine(Said, tag="refine", frozen=True, kw_only=True):
     """Refine the pending view from where it lies."""
 
