@@ -304,10 +304,7 @@ def outline_loops(view: FlattenedView) -> list[Float64]:
 
 
 def place_of_piece(views: Views, piece: SheetPiece, accepted: Sequence[int]) -> PlacedPart:
-    """Return the component of an accepted view that shows much of a piece, where it lies on the sheet.
-
-    Of the views that show at least half as much as the best one, it is the one accepted last: fewer
-    decisions follow it.
+    """Return the component of the accepted view that shows most of a piece, where it lies on the sheet.
 
     Raises
     ------
@@ -321,8 +318,7 @@ def place_of_piece(views: Views, piece: SheetPiece, accepted: Sequence[int]) -> 
             " Step on: another view may connect it."
         )
     own = piece.view
-    area = {v: np.count_nonzero(own.valid & (own.view_index == v)) for v in shown}
-    view_index = next(v for v in reversed(shown) if 2 * area[v] >= max(area.values()))
+    view_index = max(shown, key=lambda view: np.count_nonzero(own.valid & (own.view_index == view)))
     where = np.argwhere(own.valid & (own.view_index == view_index))
     there = own.uv_from_rc(where)
     source = own.source_rc[where[:, 0], where[:, 1]]

@@ -161,7 +161,7 @@ class Document:
         return {a.view_index: a.component for a in placed}
 
     def components_of(self, view_index: int) -> frozenset[int]:
-        """Return all components of a view that are placed, with it or with a later view."""
+        """Return all components of a view that are placed, with it or with another view."""
         own = {self.placed_components.get(view_index, 0)} if view_index in self.used_views else set()
         also = (part for a in self.accepted for part in a.also if part.view_index == view_index)
         return frozenset({*own, *(part.component for part in also)})
