@@ -106,7 +106,7 @@ ON_CLOTH = {
         (None, "strokes.json: missing, or not a file. Restore it"),
         ("no json", "not valid JSON"),
         ('{"format": "other"}', 'its "format" must be "flatcloth-strokes/1"'),
-        (decisions({"kind": "dab"}), r"decisions\[0\]: no stroke or cut"),
+        (decisions({"kind": "dab"}), r"decisions\[0\]: no stroke; its kind"),
         (decisions(ON_IMAGE | {"side": "left"}), r"""side is 'left'; expected one of "this" and "other"."""),
         (decisions(ON_IMAGE | {"view_index": 44}), "decision 1: view 44 does not exist"),
         (decisions(ON_IMAGE | {"points_rc": [[119, 119], [1e300, 0]]}), r"points_rc\[1\]\[0\] is 1e\+300"),

@@ -86,7 +86,7 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
         (move(u_m=0.010), {"pending.score": near(0.7),
                            "pending.nudge.u_mm": near(10.0)}),
         (do("undo"), {"pending.nudge.u_mm": 0, "undo": None}),
-        (do("redo"), {"pending.score": near(0.7)}),
+        (do("redo"), {"pending.score": near(0.7), "pending.nudge.u_mm": near(10.0), "drawing": False}),
         (do("accept", 1), {"step": 2, "views.1.score": near(0.7), "views.1.state": "fixed"}),
     ]),
     "a turn is told as it is seen, about the proposal's own centre": ({}, [
