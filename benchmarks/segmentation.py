@@ -3,8 +3,8 @@
 Recordings with truth, their masks taken away. A simulated operator strokes where the program asks for it,
 with a brush of 2 cm, never nearer than 10 mm to a boundary. Wrong is by area: every surface pixel of every
 view counts with the cloth under it. Unaided, the side is the one that the start view shows most, as it is for
-an operator who has not said otherwise. What the certainty says is compared with what is right; time and
-coverage of the integration, with those of the masks.
+an operator who has not said otherwise. What the certainty says is compared with what is right, and time and
+coverage with those of a run with masks.
 """
 
 from __future__ import annotations

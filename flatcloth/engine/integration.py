@@ -332,10 +332,12 @@ class Integration:
         placement: Placement,
         why: str = "",
     ) -> Proposed:
-        motion, score = placement.alignment.current_from_new, placement.alignment.score.total
+        """Return the answer that proposes a view, on its side of the shape, at a placement."""
+        (view_index, side), alignment = view, placement.alignment
+        motion, score = alignment.current_from_new, alignment.score.total
         on = None if self.algorithm.takes_all else document.views_in_order[-1]
         component, also = placement.component, placement.also
-        return Proposed(token, view[0], motion, view[1], score, component, why, also, on)
+        return Proposed(token, view_index, motion, side, score, component, why, also, on)
 
     def _placed(
         self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress

@@ -1,4 +1,4 @@
-"""Placements of single views: next to the shape, refined, fitted to pairs of points; and which is next."""
+"""Where a single view is placed: next to the shape, refined, or by pairs of points; and which is next."""
 
 from __future__ import annotations
 

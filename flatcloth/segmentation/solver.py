@@ -182,8 +182,8 @@ class SideSolver:
 
         The first stroke also says which side is of interest: divisions that contradict it are turned over.
         That it is not what the start view shows most of, or that a later stroke turns over most of the cloth,
-        is as improbable as what is surely not so. A stroke most of which lies on what looks like an inner
-        face says no more than that this face is of no interest.
+        is as improbable as what is surely not so. A stroke that lies mostly on what looks like an inner
+        face says only that this face is of no interest.
         """
         inner = (self._face > 0) | (self._inner(state).mean(axis=0) > 0.5)
         inner = (np.bincount(holder + 1, inner) > 0.5 * np.bincount(holder + 1))[holder + 1]

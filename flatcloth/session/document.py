@@ -247,14 +247,13 @@ def skip(document: Document, view_index: int) -> Document:
 def reopen(document: Document, view_index: int) -> Document:
     """Withdraw a decision, however old; all others stay.
 
-    An accepted view becomes the proposal at its placement, if that is on the shape's own plane. Any other is
-    undecided.
+    An accepted view becomes the proposal at its placement, if it has one on the shape's own plane; any other
+    view is undecided.
     """
     asked = asked_again(document, view_index)
-    gone = next((a for a in document.accepted if a.view_index == view_index), None)
-    if gone is None or gone.on is not None or gone.component == NO_COMPONENT:  # there is no such placement
-        return without_proposal(asked)
-    return asked
+    pending = asked.pending
+    is_placed = pending is not None and pending.on is None and pending.component != NO_COMPONENT
+    return asked if is_placed else without_proposal(asked)
 
 
 def asked_again(document: Document, view_index: int) -> Document:
@@ -279,7 +278,7 @@ def asked_again(document: Document, view_index: int) -> Document:
 
 
 def _placed_without(gone: Accepted, added: Accepted) -> Accepted:
-    """Return a view where it lies, placed on the view below the one that is gone."""
+    """Return a view that stays where it is; what it lay on is gone, so it lies on the view below."""
     if added.on != gone.view_index:
         return added
     motion = gone.current_from_new

@@ -100,7 +100,7 @@ class Nudge:
 
 @dataclass(frozen=True)
 class TakePart:
-    """Place a component of the pending view elsewhere; if there is none, of an accepted view."""
+    """Place a component of the proposal elsewhere, or of an accepted view, which becomes the proposal."""
 
     view_index: int
     component: int

@@ -13,7 +13,7 @@ import { cm2, mm, number, percent } from "../page/format.js";
 const HIT_PX = 10;
 const MOST_ROWS = 8;
 const SAME = 1e-6;
-const SAME_M = 0.02; // what is nearest to where it was, in another list, is the same
+const SAME_M = 0.02; // a doubt of a new list so near to one of the old list is the same
 const LEAST = 0.005; // what is less probable is shown when it is asked for
 const HERE = "Place it here";
 const RESTS_MS = 1500; // from a change of the shape until what nobody looks at is asked for
@@ -110,11 +110,11 @@ export class DoubtsPanel extends PagePart {
     return this.found === null;
   }
 
-  /** A list has come: what was looked at is looked at on, or decided about now; else the weakest is asked about first. */
+  /** A new list: what was chosen stays so, or is decided now if that was asked for; else the weakest is chosen. */
   take() {
     const [before, title, { later, grabbed, canvas }] = [this.doubt, this.choice?.title, this];
     this.found = this.fetched.value;
-    const offs_m = this.list.map((doubt) => (before ? offOf(doubt, before) : Infinity));
+    const offs_m = this.list.map((doubt) => (before ? apartOf(doubt, before) : Infinity));
     const same = offs_m.findIndex((off_m) => off_m < SAME_M && off_m === Math.min(...offs_m));
     const weak = this.list.findIndex((doubt) => doubt.weak);
     const at = this.list[same]?.choices.findIndex((choice) => choice.title === title) ?? -1;
@@ -499,7 +499,7 @@ export const motionOf = (/** @type {Choice} */ { placement: { theta_rad, u_m, v_
 export const loopsAt = ({ outline_uv_m }, by) => outline_uv_m.map((loop) => loop.map(([u, v]) => applied(by, u, v)));
 
 /** How far apart the places of the item are that two doubts are about. @param {Doubt} a @param {Doubt} b */
-function offOf(a, b) {
+function apartOf(a, b) {
   const [p, q] = [a, b].map(({ seam_xyz_m, part_xyz_m }) => (seam_xyz_m.length ? seam_xyz_m : part_xyz_m));
   const off_m = [0, 1, 2].map((axis) => mean(p.map((at) => at[axis])) - mean(q.map((at) => at[axis])));
   return a.kind === b.kind && a.side === b.side ? Math.hypot(...off_m) : Infinity;

@@ -66,7 +66,7 @@ class DoubtService:
 
     def __init__(self, page: PageController, garment: GarmentController, other: OtherSideController) -> None:
         self._page, self._garment, self._other = page, garment, other
-        self._shapes: dict[int, _Shape] = {}  # by revision: of the shown document, as more became known of it
+        self._shapes: dict[int, _Shape] = {}  # by revision: all of the shown document
         self._key: object = None
         self._revision = 0
         self._joints: Cache[tuple[Cloth, list[Joint]]] = Cache(4)

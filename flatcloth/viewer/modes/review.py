@@ -86,16 +86,11 @@ class ReviewService:
 
     def of_views(self, document: Document) -> dict[int, dict[str, Any]]:
         """Return order, area added and flags of the decided views, as fields of their rows."""
-        orders = {a.view_index: n for n, a in enumerate(document.accepted, start=1)}
-        if document.start_view is not None:
-            orders[document.start_view] = 0
-        accepted = {a.view_index: a for a in document.accepted}
         added = self._areas.added_m2(document)
         rows = {}
-        for view in {*orders, *accepted}:
-            order, decision = orders.get(view), accepted.get(view)
-            area = None if order is None else added[order]
-            flags = () if decision is None else tuple(self._flags.of(decision))
+        for order, view in enumerate(document.views_in_order):
+            flags = self._flags.of(document.accepted[order - 1]) if order else ()
+            area = added[order]
             rows[view] = {
                 "flagged": not SUSPECT.isdisjoint(flags),
                 "order": order,
