@@ -325,19 +325,13 @@ class Integration:
         return self._proposed(document, token, (view_index, side), placement, why)
 
     def _proposed(
-        self,
-        document: Document,
-        token: int,
-        view: tuple[int, Side | None],
-        placement: Placement,
-        why: str = "",
+        self, document: Document, token: int, view: tuple[int, Side | None], found: Placement, why: str = ""
     ) -> Proposed:
         """Return the answer that proposes a view, on its side of the shape, at a placement."""
-        (view_index, side), alignment = view, placement.alignment
+        (view_index, side), alignment = view, found.alignment
         motion, score = alignment.current_from_new, alignment.score.total
         on = None if self.algorithm.takes_all else document.views_in_order[-1]
-        component, also = placement.component, placement.also
-        return Proposed(token, view_index, motion, side, score, component, why, also, on)
+        return Proposed(token, view_index, motion, side, score, found.component, why, found.also, on)
 
     def _placed(
         self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
