@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.spatial import cKDTree
 
 from flatcloth.core.graphs import components
@@ -119,3 +119,13 @@ def back_to_back(clusters: Clusters, most_m: float) -> tuple[Int64, Int64, Float
     pixels = np.minimum(clusters.pixels[a], clusters.pixels[b])
     facing = np.minimum(clusters.facing[a], clusters.facing[b])
     return a, b, depth[kept], facing**4 * pixels / (pixels + SETTINGS.enough_pixels)
+
+
+def surroundings(clusters: Clusters, radius_m: float) -> csr_matrix:
+    """Return weights (M, M) of the mean over all clusters within a radius of each one that face alike."""
+    one, other = cKDTree(clusters.place_m).query_pairs(radius_m, output_type="ndarray").T
+    alike = (clusters.normal[one] * clusters.normal[other]).sum(axis=1) > SETTINGS.alike_cos
+    first, second, own = one[alike], other[alike], np.arange(clusters.count)
+    ends = np.concatenate([first, second, own]), np.concatenate([second, first, own])
+    count = np.bincount(ends[0]).astype(np.float64)
+    return csr_matrix((1.0 / count[ends[0]], ends), shape=(clusters.count, clusters.count))

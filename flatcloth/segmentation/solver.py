@@ -15,6 +15,7 @@ from flatcloth.segmentation.color import alike_in_color, odds_by_color
 from flatcloth.segmentation.item import LEAST_AREA_M2
 from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.partition import Divisions, Int8
+from flatcloth.segmentation.relations import surroundings
 from flatcloth.segmentation.result import (
     OF_INTEREST,
     OTHER,
@@ -72,6 +73,7 @@ class SideSolver:
         outer = observed.inner == observed.inner[self._first_m2.argmax()]
         self._face = np.unique(np.where(outer, -1, observed.inner), return_inverse=True)[1]
         """What looks like an inner face, by number (M,); 0 elsewhere."""
+        self._around = surroundings(clusters, SETTINGS.border_m)
 
     def solve(self, decisions: Sequence[Decision]) -> Segmentation:
         """Return the sides after these decisions, in order.
@@ -230,16 +232,12 @@ class SideSolver:
         """Return how probably each cluster (M,) is of interest, with caution.
 
         Errors that no disturbance shows turn each sample over as probably as what is surely not so: either
-        side gets this much more weight. Errors of a single cluster follow from the net evidence of its
-        neighbours, as a share of what is usual.
+        side gets this much more weight. No cloth is surer than what lies around it and faces alike.
         """
         shown, weight = self._samples(state)
         mean = weight @ shown / (1.0 + 2.0 * (1.0 - SURE))
-        graph, side = self.observed.graph, np.sign(mean)
-        agrees = np.tile(graph.weight * side[graph.first] * side[graph.second], 2)
-        support = np.maximum(np.bincount(np.append(graph.first, graph.second), agrees, graph.count), 0.0)
-        half = 2.0 * np.median(support) * (SETTINGS.cluster_m / SETTINGS.disturbance_m) ** 2
-        probable = 0.5 + 0.5 * mean * support / np.maximum(support + half, 1e-12)
+        side = np.sign(mean)
+        probable = 0.5 + 0.5 * side * np.clip(side * (self._around @ mean), 0.0, np.abs(mean))
         return np.where(state.said != 0.0, state.said > 0.0, probable)
 
     def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:

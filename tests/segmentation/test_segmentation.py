@@ -105,8 +105,9 @@ def test_an_inner_face_is_undecided_until_a_stroke_says_what_it_is(solver):
     points = ((float(rows[lowest].mean()), float(cols[lowest].mean())),)
     for side, said in (("this", OF_INTEREST), ("other", OTHER)):
         after = told.solve([stroke(side, points=points)])
-        assert (after.side[inner] == said).mean() > 0.9
-        assert (after.side[front & ~inner] == OF_INTEREST).all()  # nothing else is turned over
+        assert set(after.side[inner]) <= {said, UNDECIDED}
+        assert (after.side[inner] == said).mean() > 0.8  # its border is undecided
+        assert (after.side[front & ~inner] != OTHER).all()  # nothing else is turned over
 
 
 def test_where_the_start_view_shows_an_inner_face_that_is_of_interest(solver):
