@@ -42,6 +42,6 @@ def run(options: Options) -> None:
         else:
             count = write_masks(copied, options.out, summary(found), bar.show)
     lines = [f"{recording.name}: has masks; they were not used."] if recording.has_masks else []
-    lines += [found.text, *(cut.text for cut in found.cut_off), *found.conflicts]
+    lines += [found.text, *(cut.text for cut in found.observed.cut_off), *found.conflicts]
     lines.append(f"Written to {options.out}: {count} {'views with masks' if options.copy else 'masks'}.")
     report(options, summary(found), lines)

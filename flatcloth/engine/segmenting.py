@@ -36,7 +36,7 @@ def masked(recording: Recording, segmentation: Segmentation) -> Recording:
     Its attributes are those of the recording, ``has_masks`` included, so that a session folder takes it
     for the same recording; its notes also list the sides found, regions cut off, and conflicts.
     """
-    kinds = sorted({cut.kind for cut in segmentation.cut_off})
+    kinds = sorted({cut.kind for cut in segmentation.observed.cut_off})
     cut = (f"Cut off as no part of the item: {', '.join(kinds)}.",) if kinds else ()
 
     def read(view_index: int) -> ViewImages:
@@ -125,6 +125,6 @@ def summary(segmentation: Segmentation) -> dict[str, Any]:
         "conflicts": list(segmentation.conflicts),
         "cut_off": [
             {"view_index": cut.view_index, "kind": cut.kind, "area_cm2": round(1e4 * cut.area_m2, 1)}
-            for cut in segmentation.cut_off
+            for cut in segmentation.observed.cut_off
         ],
     }

@@ -39,14 +39,9 @@ def under_strokes(observed: Evidence, decisions: Sequence[Decision]) -> Int64:
 
 
 def _under_image(observed: Evidence, stroke: ImageStroke, name: str) -> Int64:
-    if stroke.view_index not in observed.view_numbers:
-        raise SegmentationError(
-            f"{name}: view {stroke.view_index} does not exist; "
-            f"the recording has {len(observed.view_numbers)}."
-        )
     view = observed.views.get(stroke.view_index)
     if view is None:
-        raise SegmentationError(f"{name}: view {stroke.view_index} shows nothing of the item.")
+        raise SegmentationError(f"{name}: there is no view {stroke.view_index} that shows the item.")
     points = np.asarray(stroke.points_rc, dtype=np.float64) - view.offset_rc
     rows, cols = view.cluster.shape
     at = np.rint(points).astype(int)

@@ -9,11 +9,11 @@ often: thin folds are in the light, and prints and folds are dark.
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.flattening.surface import NOISELESS_STD_M
 from flatcloth.segmentation.clusters import Clusters
-from flatcloth.segmentation.color import averaged
 from flatcloth.segmentation.relations import SignedGraph, back_to_back
 from flatcloth.segmentation.settings import SETTINGS
 
@@ -22,11 +22,9 @@ _TWO_LAYERS = 30.0
 with ground truth at most 20 % of the measured clusters are one layer; most other layers do not touch."""
 _ONE_LAYER = 0.75
 """Cloth thinner than this share of two layers is one layer. By definition: half way from one to two."""
-_AROUND = 12
-"""Iterations of averaging with the neighbours. Chosen: this covers about 2 cm."""
 
 
-def inner_faces(clusters: Clusters, graph: SignedGraph, lightness: Float64, *, noisy: bool) -> Int64:
+def inner_faces(clusters: Clusters, graph: SignedGraph, around: csr_matrix, lightness: Float64) -> Int64:
     """Return for clusters (M,) that probably lie on an inner face the number of the face; -1 elsewhere.
 
     Parameters
@@ -35,10 +33,10 @@ def inner_faces(clusters: Clusters, graph: SignedGraph, lightness: Float64, *, n
         Surface of all views.
     graph : SignedGraph
         The evidence; positive edges join clusters of one face.
+    around : (M, M) sparse
+        :func:`surroundings`: thickness and light are averaged by it.
     lightness : (M,) float64
         CIE L* of the clusters.
-    noisy : bool
-        Whether most views have a sensor's noise.
     """
     a, b, depth_m, sure = back_to_back(clusters, SETTINGS.near_m)
     ends = np.append(a, b)
@@ -49,8 +47,9 @@ def inner_faces(clusters: Clusters, graph: SignedGraph, lightness: Float64, *, n
         return np.full(clusters.count, -1)
     thin = np.clip(1.0 - thickness_m / (_ONE_LAYER * two_layers_m), -1.0, 1.0)
     values = np.stack([thin * weight / (weight + 1.0), lightness], axis=1)
-    thin_around, light_around = averaged(graph, values, _AROUND).T
-    inner: Bool = ((thin_around if noisy else values[:, 0]) > 0.0) & (light_around < np.median(light_around))
+    thin_around, light_around = (around @ values).T
+    dark: Bool = light_around < np.median(light_around) - 0.5  # half a step of 8 bits
+    inner = (thin_around > 0.0) & dark
     face = graph.components((graph.weight > 0) & inner[graph.first] & inner[graph.second])
     inner &= np.bincount(face)[face] >= SETTINGS.least_region
     return np.where(inner, face, -1).astype(np.int64)

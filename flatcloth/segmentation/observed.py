@@ -10,6 +10,7 @@ from typing import TypeVar
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError, SurfaceError
@@ -34,7 +35,7 @@ from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
 from flatcloth.segmentation.inner import inner_faces
 from flatcloth.segmentation.item import CutOff, checked, find_item
-from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
+from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph, surroundings
 from flatcloth.segmentation.settings import SETTINGS
 
 _T = TypeVar("_T", np.float32, np.int32)
@@ -79,16 +80,16 @@ class ObservedView:
 class Evidence:
     """The views and their evidence of sides; immutable.
 
-    ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of all
-    given views; ``clusters``, ``graph`` the evidence; ``color`` (M, 3) float64 of the clusters, CIELAB in
-    8 bits; ``inner`` (M,) int64 numbers of inner faces, seen through an opening, -1 elsewhere;
-    ``cut_off`` the regions that were removed. ``noisy``: most views have a sensor's noise.
+    ``views`` that show the item, by their number in the recording; ``clusters``, ``graph`` the evidence;
+    ``around`` (M, M) the mean over what lies around each cluster and faces alike; ``color`` (M, 3) float64 of
+    the clusters, CIELAB in 8 bits; ``inner`` (M,) int64 numbers of inner faces, seen through an opening, -1
+    elsewhere; ``cut_off`` the regions that were removed. ``noisy``: most views have a sensor's noise.
     """
 
     views: dict[int, ObservedView]
-    view_numbers: frozenset[int]
     clusters: Clusters
     graph: SignedGraph
+    around: csr_matrix
     color: Float64
     inner: Int64
     cut_off: tuple[CutOff, ...]
@@ -163,14 +164,15 @@ def gather_evidence(
     ]
     with ThreadPoolExecutor(THREADS) as pool:
         graph = signed_graph(clusters, list(pool.map(links_of_view, labels, facing, steps)))
-        inner = pool.submit(inner_faces, clusters, graph, mean[:, 0], noisy=noisy)
+        around = surroundings(clusters, SETTINGS.border_m)
+        inner = pool.submit(inner_faces, clusters, graph, around, mean[:, 0])
         views = tuple(pool.map(_labelled, views, labels))
     progress(0.8, "sides")
     return Evidence(
         views={view.view_index: view for view in views},
-        view_numbers=frozenset(at),
         clusters=clusters,
         graph=graph,
+        around=around,
         color=mean,
         inner=inner.result(),
         cut_off=item.cut_off,

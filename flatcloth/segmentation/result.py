@@ -9,7 +9,6 @@ import numpy as np
 
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Bool, Float32
-from flatcloth.segmentation.item import CutOff
 from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.partition import Int8
 
@@ -55,11 +54,6 @@ class Segmentation:
     certainty: Float32 = field(repr=False)
     conflicts: tuple[str, ...] = ()
     changed: str = ""
-
-    @property
-    def cut_off(self) -> tuple[CutOff, ...]:
-        """Regions that were removed from the item."""
-        return self.observed.cut_off
 
     @property
     def area_of_interest_m2(self) -> float:

@@ -15,7 +15,6 @@ from flatcloth.segmentation.color import alike_in_color, odds_by_color
 from flatcloth.segmentation.item import LEAST_AREA_M2
 from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.partition import Divisions, Int8
-from flatcloth.segmentation.relations import surroundings
 from flatcloth.segmentation.result import (
     OF_INTEREST,
     OTHER,
@@ -73,7 +72,6 @@ class SideSolver:
         outer = observed.inner == observed.inner[self._first_m2.argmax()]
         self._face = np.unique(np.where(outer, -1, observed.inner), return_inverse=True)[1]
         """What looks like an inner face, by number (M,); 0 elsewhere."""
-        self._around = surroundings(clusters, SETTINGS.border_m)
 
     def solve(self, decisions: Sequence[Decision]) -> Segmentation:
         """Return the sides after these decisions, in order.
@@ -237,7 +235,7 @@ class SideSolver:
         shown, weight = self._samples(state)
         mean = weight @ shown / (1.0 + 2.0 * (1.0 - SURE))
         side = np.sign(mean)
-        probable = 0.5 + 0.5 * side * np.clip(side * (self._around @ mean), 0.0, np.abs(mean))
+        probable = 0.5 + 0.5 * side * np.clip(side * (self.observed.around @ mean), 0.0, np.abs(mean))
         return np.where(state.said != 0.0, state.said > 0.0, probable)
 
     def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:

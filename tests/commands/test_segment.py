@@ -108,7 +108,7 @@ ON_CLOTH = {
         ('{"format": "other"}', 'its "format" must be "flatcloth-strokes/1"'),
         (decisions({"kind": "dab"}), r"decisions\[0\]: no stroke; its kind"),
         (decisions(ON_IMAGE | {"side": "left"}), r"""side is 'left'; expected one of "this" and "other"."""),
-        (decisions(ON_IMAGE | {"view_index": 44}), "decision 1: view 44 does not exist"),
+        (decisions(ON_IMAGE | {"view_index": 44}), "decision 1: there is no view 44 that shows the item"),
         (decisions(ON_IMAGE | {"points_rc": [[119, 119], [1e300, 0]]}), r"points_rc\[1\]\[0\] is 1e\+300"),
         (decisions(ON_CLOTH | {"normals": [[0, 0, 0]] * 2}), "no cloth under it"),
         (decisions(ON_CLOTH | {"points_m": [[900.0, 0, 0], [900.0, 0, -900.0]]}), "no cloth under it"),

@@ -7,7 +7,7 @@ import pytest
 
 from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.inner import inner_faces
-from flatcloth.segmentation.relations import SignedGraph
+from flatcloth.segmentation.relations import SignedGraph, surroundings
 
 STEP_M, COLS, ROWS, FLAP = 0.006, 20, 24, 5
 TWO_LAYERS_M = 0.0016
@@ -43,9 +43,10 @@ def garment(two_layers_m=TWO_LAYERS_M, noise_m=0.0):
     return clusters, SignedGraph(count=count, first=first, second=second, weight=weight), face
 
 
-def found(clusters, graph, face, dark=60.0, *, noisy=False):
+def found(clusters, graph, face, dark=60.0):
     """Return the inner faces; light falls on all but the inner one."""
-    return inner_faces(clusters, graph, np.where(face == 1, dark, 100.0), noisy=noisy)
+    around, lightness = surroundings(clusters, 0.02), np.where(face == 1, dark, 100.0)
+    return inner_faces(clusters, graph, around, lightness)
 
 
 @pytest.mark.parametrize(("two_layers_m", "noise_m"), [(0.0016, 0.0), (0.0016, 0.0003), (0.004, 0.001)])
@@ -54,7 +55,7 @@ def test_the_inner_face_beyond_a_hem_is_found_and_no_outer_face(two_layers_m, no
     clusters, graph, face = garment(two_layers_m, noise_m)
     if link is not None:  # the views join it to the front panel
         graph = replace(graph, weight=np.full(graph.weight.size, link))
-    inner = found(clusters, graph, face, noisy=noise_m > 0)
+    inner = found(clusters, graph, face)
     assert (inner[face == 1] >= 0).mean() > 0.7
     assert (inner[face != 1] >= 0).mean() < 0.03
     assert len(set(inner[inner >= 0])) == 1
