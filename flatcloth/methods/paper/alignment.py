@@ -28,7 +28,6 @@ from flatcloth.methods.paper.matching import (
     LEAST_AREA_M2,
     PLACE_SCALE_M,
     Z_ANGLE_SCALE_DEG,
-    Z_ANGLE_SMOOTHING_M,
     Matcher,
     mean_z_angle_deg,
 )
@@ -71,7 +70,6 @@ def correspond(
     angles_deg: tuple[float, float],
     frame_from_current: Rigid2,
     z_angle_limit_deg: float,
-    z_angle_smoothing_m: float = Z_ANGLE_SMOOTHING_M,
 ) -> Correspondence:
     """Find the lines of the Z-angle in the middle of the common range, and a point of equal height on each.
 
@@ -88,8 +86,6 @@ def correspond(
         Motion from the current plane to the plane of the continued view.
     z_angle_limit_deg : float
         A_w.
-    z_angle_smoothing_m : float
-        Distance over which the Z-angles are averaged.
 
     Raises
     ------
@@ -104,9 +100,7 @@ def correspond(
     new_curves = column_curves(new, axis, after_deg, z_angle_limit_deg, seen_deg=after)
     low, high = _common_range(curves, new_curves, rotation_deg)
     a_m = 0.5 * (low + high)
-    if z_angle_smoothing_m > 0.0:
-        means = [mean_z_angle_deg(view, axis, before_deg, z_angle_smoothing_m) for view in (current, new)]
-        angles = [mean[view.valid] for mean, view in zip(means, (current, new), strict=True)]
+    angles = [mean_z_angle_deg(view, axis, before_deg)[view.valid] for view in (current, new)]
     pixels = [_pixels_at(angle, view, a_m) for angle, view in zip(angles, (current, new), strict=True)]
     places = [view.uv_from_rc(rc) for view, rc in zip((current, new), pixels, strict=True)]
     heights = [

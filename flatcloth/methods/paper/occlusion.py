@@ -25,7 +25,7 @@ _OCCLUDING_Z_ANGLE_DEG = 40.0
 """An outline seen more steeply than this is an occluding edge. Set by hand."""
 
 
-def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = None) -> float:
+def occluding_edge_length_m(surface: Surface, side: Side) -> float:
     """Return the length along the image rows of the edges that the rotation for one side opens.
 
     Parameters
@@ -35,17 +35,15 @@ def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = No
     side : Side
         The rotation for ``Side.LEFT`` is positive: it brings cloth beyond the left outline to the
         front, and moves nearer layers to the right.
-    part : (H, W) bool, optional
-        The pixels of the surface that count; by default all, as in the paper.
     """
-    turned_away, covered = occluding_edges(surface, side, part)
+    turned_away, covered = occluding_edges(surface, side)
     pitch = surface.depth_m / surface.frame.intrinsics.fy
     return float(pitch[turned_away].sum() + pitch[covered].sum())
 
 
-def occluding_edges(surface: Surface, side: Side, part: Bool | None = None) -> tuple[Bool, Bool]:
+def occluding_edges(surface: Surface, side: Side) -> tuple[Bool, Bool]:
     """Return the pixels (H, W) of these edges: where cloth turns away, and where nearer cloth covers it."""
-    part = surface.usable if part is None else part
+    part = surface.usable
     other, outward = (Side.RIGHT, -1.0) if side is Side.LEFT else (Side.LEFT, 1.0)
     shown = np.where(part, outward * surface.z_angle_deg, 0.0)
     count = np.maximum(_next(part, other, 0).sum(axis=-1), 1)  # pixels of the strip inside an end
