@@ -120,14 +120,25 @@ def plan_side(
         Limits.
     """
     u_b, a_0 = overlap_column(curves, side, config.overlap_area_m2)
-    sign = 1.0 if side is Side.LEFT else -1.0
     held = rotation_to_limit_deg(side, a_0, config)
+    turns = (1.0 if side is Side.LEFT else -1.0) * (np.asarray(angles_deg) - angles_deg[from_view]) % 360.0
+    slack = 0.5 * min(rotation_step_deg(angles_deg), config.rotation_min_deg)
+    allowed = [
+        (float(turn), n)
+        for n, turn in enumerate(turns)
+        if n not in unavailable
+        and config.rotation_min_deg - slack <= turn <= config.rotation_max_deg + slack
+        and turn + turned_deg < 360.0 - slack
+    ]
     view: int | None = None
     if occluding_edge_m < _OCCLUDING_EDGE_MIN_M:
         reason = f"no occluding edge remains on the {side}"
-    else:
-        view = _view_at(from_view, sign, held, angles_deg, unavailable, turned_deg, config)
-        reason = f"{side}: A = {held:.0f} deg" if view is not None else f"no view remains on the {side}"
+    elif not allowed:
+        reason = f"no view remains on the {side}"
+    else:  # the largest rotation up to A, otherwise the smallest that is allowed
+        up_to_a = [each for each in allowed if each[0] <= held + slack]
+        _, view = max(up_to_a) if up_to_a else min(allowed)
+        reason = f"{side}: A = {held:.0f} deg"
     return SidePlan(
         side=side,
         curves=curves,
@@ -146,31 +157,6 @@ def rotation_step_deg(angles_deg: Sequence[float]) -> float:
     if ordered.size < 2:
         return 360.0
     return float(np.median(np.diff(np.append(ordered, ordered[0] + 360.0))))
-
-
-def _view_at(
-    from_view: int,
-    sign: float,
-    rotation_deg: float,
-    angles_deg: Sequence[float],
-    unavailable: frozenset[int],
-    turned_deg: float,
-    config: PlanningConfig,
-) -> int | None:
-    """Return the view with the largest rotation up to A, otherwise the smallest allowed rotation."""
-    slack = 0.5 * min(rotation_step_deg(angles_deg), config.rotation_min_deg)
-    turns = (sign * (np.asarray(angles_deg) - angles_deg[from_view])) % 360.0
-    allowed = [
-        (float(turn), n)
-        for n, turn in enumerate(turns)
-        if n not in unavailable
-        and config.rotation_min_deg - slack <= turn <= config.rotation_max_deg + slack
-        and turn + turned_deg < 360.0 - slack
-    ]
-    smaller = [t for t in allowed if t[0] <= rotation_deg + slack]
-    if smaller:
-        return max(smaller)[1]
-    return min(allowed)[1] if allowed else None
 
 
 def choose(sides: Sequence[SidePlan], last_side: Side | None) -> Plan:
