@@ -15,7 +15,7 @@ from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis, Uint8
 from flatcloth.flattening.pixel_states import PixelState
-from flatcloth.flattening.raster import BLOCK_TRIANGLES, cloth_triangles
+from flatcloth.flattening.raster import BLOCK_TRIANGLES, cloth_triangles, grid_around
 from flatcloth.flattening.reading import read_attributes
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
@@ -107,7 +107,8 @@ def composite(
     FlattenedView
     """
     uv = shape.uv_m if uv_m is None else uv_m
-    low, size = _grid(uv, pixel_size_m, margin=2 * interval_px)
+    placed = uv[np.isfinite(uv[:, 0])]
+    low, size = grid_around(placed.T, pixel_size_m, margin_px=2 * interval_px)
     source = np.full((*size, 2), np.nan, dtype=np.float32)
     cost = np.full(size, np.inf, dtype=np.float32)
     label = np.full(size, -1, dtype=np.int16)
@@ -138,14 +139,6 @@ def floating_pieces(shape: Shape) -> list[Float64]:
     pieces = [shape.piece == n for n in np.unique(shape.piece[shape.piece > 0])]
     pieces.sort(key=lambda own: -int(own.sum()))
     return [np.where(own[:, None], shape.all_uv_m, np.nan) for own in pieces]
-
-
-def _grid(uv: Float64, pixel_size_m: float, margin: int) -> tuple[Float64, tuple[int, int]]:
-    """Lowest corner (in pixels) and shape of the grid around the placed nodes."""
-    placed = uv[np.isfinite(uv[:, 0])]
-    low = np.floor(placed.min(axis=0) / pixel_size_m) - margin
-    size = np.ceil(placed.max(axis=0) / pixel_size_m) + margin + 1 - low
-    return low, (int(size[1]), int(size[0]))
 
 
 def _samples(
