@@ -19,12 +19,16 @@ from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
 from flatcloth.methods.answers import Alignment, AlignmentScore, Correspondence, Placement, Plan
 from flatcloth.methods.base import Focus, Method, Views
-from flatcloth.methods.paper.alignment import align_from, correspond, from_lines, not_worse_than_start
+from flatcloth.methods.paper.alignment import (
+    align_from,
+    correspond,
+    from_lines,
+    from_places,
+    not_worse_than_start,
+)
 from flatcloth.methods.paper.matching import LEAST_OVERLAP_SHARE, Matcher
 from flatcloth.methods.paper.merging import Renewed, begin, covered_share, lay_over, renew, without
-from flatcloth.methods.paper.occlusion import occluding_edge_length_m
-from flatcloth.methods.paper.places import from_places
-from flatcloth.methods.paper.planning import choose, column_curves, plan_side
+from flatcloth.methods.paper.planning import choose, column_curves, occluding_edge_length_m, plan_side
 from flatcloth.methods.starting import LEAST_COMPONENT_SHARE, fronts, overlap_area_m2, start_by_component
 from flatcloth.session.document import Accepted, Document, PlacedPart, Side
 
