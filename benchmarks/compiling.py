@@ -25,7 +25,7 @@ from flatcloth.cli import main
 from flatcloth.core.resources import sample_recordings
 from flatcloth.core.strokes import ImageStroke
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.kernels import TABLE, kernels
+from flatcloth.engine.warmup import TABLE, kernels
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Command, Propose, SessionState, Start, apply
 from flatcloth.viewer.protocol.picture import make_picture
@@ -112,7 +112,7 @@ def _segment() -> None:
 
 
 def _told(argument: Any) -> Any:
-    """Return a type as the table has it; see :class:`flatcloth.engine.kernels.Kernel`."""
+    """Return a type as the table has it; see :class:`flatcloth.engine.warmup.Kernel`."""
     if isinstance(argument, types.Array):
         colons = [":"] * argument.ndim
         if argument.layout != "A":

@@ -204,7 +204,7 @@ def _seen(points: Float64, by: ViewFeatures, held: Rigid3) -> np.ndarray:
 def _error_in_stds(found: Registered, true: Sequence[Rigid3]) -> float:
     """Root mean square of the errors of place, against the views compared with, by what is claimed."""
     errors = []
-    for n, view in enumerate(found.views):
+    for n, std_m in enumerate(found.stds[:, 3:]):
         ends = [{pair.first, pair.second} for pair in found.pairs if n in (pair.first, pair.second)]
         if not ends:
             continue
@@ -214,5 +214,5 @@ def _error_in_stds(found: Registered, true: Sequence[Rigid3]) -> float:
             for k in set().union(*ends)
         }
         own = off.pop(n)
-        errors.append((own - np.mean(list(off.values()), axis=0)) / view.std_m)
+        errors.append((own - np.mean(list(off.values()), axis=0)) / std_m)
     return math.sqrt(float(np.square(errors).mean()))

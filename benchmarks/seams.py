@@ -26,7 +26,7 @@ from flatcloth.engine.evaluation import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth, 
 from flatcloth.engine.garment import GarmentService, one_side
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
-from flatcloth.methods.robust.seams.configuration import Configuration, configured
+from flatcloth.methods.robust.seams.links import Configuration, configured
 from flatcloth.methods.robust.seams.rims import rim_of
 
 _HELD = 0.05  # weight that draws the coefficients to 0: hardly

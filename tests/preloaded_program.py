@@ -7,6 +7,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, 
 import flatcloth.commands.output
 import flatcloth.viewer.server.app
 import flatcloth.viewer.server.workspace  # noqa: F401
-from flatcloth.engine.kernels import compile_share
+from flatcloth.engine.warmup import compile_share
 
 compile_share(0, 1)

@@ -319,13 +319,6 @@ class GarmentService:
         found = self.joined_before(document)
         return found if found is not None and found[0].is_related else None
 
-    def sides(self, document: Document) -> JoinedSides | None:
-        """Return the sides as :meth:`other` does; they are joined first if the other side is integrated."""
-        if self._of(document) in self._others:
-            self.joined(document)
-        other = self.other(document)
-        return None if other is None else other[0]
-
     def joined_before(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
         """Return the sides as :meth:`other` does, also if nothing relates them."""
         sides = self._joined.kept(self._key(_as_seen(document)))

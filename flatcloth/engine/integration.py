@@ -7,7 +7,7 @@ from several threads.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -35,7 +35,7 @@ from flatcloth.engine.placing import RefinedScore, laid_beside, plan_put_off
 from flatcloth.engine.trust import Trust
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.cloth import Cloth
-from flatcloth.flattening.resampling import place_all
+from flatcloth.flattening.resampling import place
 from flatcloth.garments.deciding import decided_parts
 from flatcloth.methods.answers import AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method
@@ -48,12 +48,12 @@ from flatcloth.session.machine import Event, NothingMore, Proposed, Request, Sta
 from flatcloth.shape.joints import DecidedParts
 
 
-class _ByGarment(NamedTuple):
-    """A shape, its connections, and which samples (N,) were removed from it."""
+class _Decided(NamedTuple):
+    """A shape and its connections after the decisions about parts of it, and these parts."""
 
     canonical: Canonical
     cloth: Cloth | None
-    taken_off: Bool | None
+    parts: DecidedParts
 
 
 class Integration:
@@ -129,7 +129,7 @@ class Integration:
         """Drop all data derived from the single views, because the axis or the masks have changed."""
         self._proposals: Cache[tuple[Placement, str]] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
-        self._decided: Cache[_ByGarment] = Cache(2)
+        self._decided: Cache[_Decided] = Cache(2)
         self.outlines: Cache[Any] = Cache(3)
         self.algorithm = self._kind(self.views, self.views.angles_deg)
 
@@ -158,9 +158,7 @@ class Integration:
     def laid_out(self, document: Document) -> Canonical:
         """Return the canonical view with deviations by its views alone, not by its scale or kind."""
         self.views.segment(document.strokes)
-        if document.garment.parts:
-            return self._by_garment(document).canonical
-        return self.algorithm.canonical(document)
+        return self._with_parts(document).canonical
 
     def why_left_out(self, views: Sequence[int], progress: Progress = no_progress) -> dict[int, str]:
         """Return those of some views that cannot be added to a shape, and why."""
@@ -182,34 +180,28 @@ class Integration:
 
         Removed parts have no place.
         """
-        return self._by_garment(document).cloth if document.garment.parts else self._cloth(document)
-
-    def _cloth(self, document: Document) -> Cloth | None:
-        return next(iter(self.algorithm.cloth_of_pieces(document)), None)
+        return self._with_parts(document).cloth
 
     def taken_off(self, document: Document) -> Bool | None:
         """Return which samples (N,) were removed from the shape; None if none were."""
-        return self._by_garment(document).taken_off if document.garment.parts else None
+        parts = self.parts(document).taken_off
+        return np.any(parts, axis=0) if parts else None
 
     def parts(self, document: Document) -> DecidedParts:
         """Return the parts that the operator took off, or keeps."""
-        pieces = self.algorithm.cloth_of_pieces(document) if document.garment.parts else ()
-        return decided_parts(pieces, document.garment.parts)
+        return self._with_parts(document).parts
 
-    def _by_garment(self, document: Document) -> _ByGarment:
+    def _with_parts(self, document: Document) -> _Decided:
         """Return a shape and its cloth after the decisions about parts of it (cached)."""
 
-        def make() -> _ByGarment:
-            made = self.algorithm.canonical(document)
-            cloth = self._cloth(document)
-            if cloth is None:
-                return _ByGarment(made, None, None)
-            parts = self.parts(document)
+        def make() -> _Decided:
+            pieces = self.algorithm.cloth_of_pieces(document)
+            parts = decided_parts(pieces, document.garment.parts)
             if any(parts):
-                made, cloth = self.algorithm.as_decided(document, parts)
-            return _ByGarment(made, cloth, np.any(parts.taken_off, axis=0) if parts.taken_off else None)
+                return _Decided(*self.algorithm.as_decided(document, parts), parts)
+            return _Decided(self.algorithm.canonical(document), next(iter(pieces), None), parts)
 
-        return self._decided.get((*_shape_of(document), document.garment.parts), make)
+        return self._decided.get(document.shape_key, make)
 
     def plan(self, document: Document) -> Plan:
         """Choose the next view."""
@@ -230,10 +222,8 @@ class Integration:
         placed = PlacedPart(pending.view_index, pending.component, pending.current_from_new)
         parts = (placed, *pending.also_placed)
         return self._overlays.get(
-            (*_shape_of(document), parts),
-            lambda: place_all(
-                [(self.views.part(p.view_index, p.component), p.current_from_new) for p in parts]
-            ),
+            (document.shape_key, parts),
+            lambda: place([(self.views.part(p.view_index, p.component), p.current_from_new) for p in parts]),
         )
 
     def score(self, document: Document) -> AlignmentScore:
@@ -344,7 +334,7 @@ class Integration:
             except AlignmentError as error:
                 return self._beside(document, view_index, error), str(error)
 
-        return self._proposals.get((*_shape_of(document), view_index, side), make)
+        return self._proposals.get((document.shape_key, view_index, side), make)
 
     def _beside(self, document: Document, view_index: int, error: AlignmentError) -> Placement:
         """Place the largest component without folds next to the shape; raise an error if all are folded."""
@@ -355,8 +345,3 @@ class Integration:
             raise error
         to_side = side_of(document, self.recording.angles_deg, view_index)
         return laid_beside(self.canonical(document).view, parts, to_side)
-
-
-def _shape_of(document: Document) -> tuple[Hashable, ...]:
-    """Return the key of a document's shape: everything that it depends on."""
-    return document.start_view, document.accepted

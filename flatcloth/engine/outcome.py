@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -124,16 +125,17 @@ def _cameras(integration: Integration, document: Document) -> dict[str, Any]:
     registered = integration.algorithm.cameras(document)
     if registered is None:
         return {}
+    of_views = zip(registered.view_indices, registered.own, registered.moved_m, registered.stds, strict=True)
     views = [
         {
-            "view_index": seen.view_index,
-            "turned_deg": round(seen.turned_deg, 3),
-            "swung_deg": round(seen.swung_deg, 3),
-            "moved_mm": round(1e3 * seen.moved_m, 2),
-            "std_deg": [round(float(v), 3) for v in seen.std_deg],
-            "std_mm": [round(1e3 * float(v), 2) for v in seen.std_m],
+            "view_index": view_index,
+            "turned_deg": round(math.degrees(turn), 3),
+            "swung_deg": round(math.degrees(math.hypot(*swing)), 3),
+            "moved_mm": round(1e3 * float(moved_m), 2),
+            "std_deg": [round(float(v), 3) for v in np.degrees(stds[:3])],
+            "std_mm": [round(1e3 * float(v), 2) for v in stds[3:]],
         }
-        for seen in registered.views
+        for view_index, (turn, *swing), moved_m, stds in of_views
     ]
     return {"cameras": {"moved": registered.is_loose, "found": describe(registered), "views": views}}
 

@@ -34,19 +34,8 @@ FOLDED = "folded in its flattened view"
 LOOSE = "its place is not determined well enough"
 
 
-@dataclass(frozen=True, kw_only=True)
-class PixelStates:
-    """The states (H, W) of a view's pixels, and which of them show cloth that the result lacks.
-
-    ``is_missing`` (H, W) are measured pixels of the item that lie near neither the shape nor a piece.
-    """
-
-    states: Uint8
-    is_missing: Bool
-
-
-def pixel_states(integration: Integration, document: Document, view_index: int) -> PixelStates:
-    """Compute the states of a view's pixels.
+def missing_pixels(integration: Integration, document: Document, view_index: int) -> Bool:
+    """Return the measured pixels (H, W) of the item in a view that lie near neither the shape nor a piece.
 
     Raises
     ------
@@ -63,7 +52,7 @@ def pixel_states(integration: Integration, document: Document, view_index: int) 
     off_m, _ = cKDTree(np.concatenate(known)).query(xyz, distance_upper_bound=NEAR_M)
     is_missing = np.zeros(item.shape, dtype=np.bool_)
     is_missing[rows, cols] = ~np.isfinite(off_m)
-    return PixelStates(states=states_of(integration, document, view_index), is_missing=is_missing)
+    return is_missing
 
 
 def states_of(integration: Integration, document: Document, view_index: int) -> Uint8:

@@ -373,7 +373,7 @@ def _moved(view: FlattenedView, motion: Rigid2, main: FlattenedView) -> Flattene
     # place() rasters at whole pixels of the plane; the shape's raster may begin between them.
     off = np.asarray(main.origin_uv_m) - np.rint(np.asarray(main.origin_uv_m) / size) * size
     back = Rigid2(0.0, float(-off[0]), float(-off[1]))
-    moved = place(view, back @ motion)
+    moved = place([(view, back @ motion)])
     origin = np.asarray(moved.origin_uv_m) + off
     return replace(moved, origin_uv_m=(float(origin[0]), float(origin[1])))
 

@@ -28,10 +28,10 @@ from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import STARTS, Fit, refine, starts
 from flatcloth.garments.recognition import THINNED
 from flatcloth.methods.answers import Alignment, Canonical
+from flatcloth.methods.paper.matching import Search, WatchedMatcher
 from flatcloth.methods.paper.merging import shows
 from flatcloth.methods.paper.method import PaperMethod
-from flatcloth.methods.paper.occlusion import occluding_edges
-from flatcloth.methods.paper.watching import Search, WatchedMatcher
+from flatcloth.methods.paper.planning import occluding_edges
 from flatcloth.recordings.base import altered, images_of
 from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.result import Segmentation

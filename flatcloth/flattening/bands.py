@@ -8,16 +8,18 @@ how many cores there are, or how wide the processor's vectors are, but for the l
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dpbtrf, dpbtrs, zpbtrf, zpbtrs
 
 from flatcloth.core.compiled import njit
 from flatcloth.core.graphs import grouped
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
 
-Band = TypeVar("Band", Float64, Complex128)
+Band = NDArray[Any]
+"""A symmetric matrix as a band (width + 1, N), real or complex: its lower half, by columns."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,8 +87,10 @@ def cuthill_mckee(n: int, edges: Int32) -> Int32:
         narrowest, least, start = order, widest, order[-1]
 
 
-class PairForm:
-    """The quadratic form of pairs, sum w |x_j - c x_i|^2, factored: connection and ordinary Laplacians.
+def pair_form(
+    order: Order, weight: Float64, coupling: Complex128 | None = None, held: float | Float64 = 0.0
+) -> Band:
+    """Return the form of pairs, sum w |x_j - c x_i|^2, factored: connection and ordinary Laplacians.
 
     Parameters
     ----------
@@ -96,7 +100,7 @@ class PairForm:
         The w of the pairs.
     coupling : (P,) complex128, optional
         The c of the pairs; by default 1, and the form is real.
-    held : float
+    held : float or (N,) float64
         Added to the diagonal, so that a form with free motions can be factored.
 
     Raises
@@ -104,40 +108,30 @@ class PairForm:
     numpy.linalg.LinAlgError
         If it is not definite, as weights are that are not finite.
     """
-
-    def __init__(
-        self, order: Order, weight: Float64, coupling: Complex128 | None = None, held: float = 0.0
-    ) -> None:
-        n, self._is_complex = len(order.nodes), coupling is not None
-        band = np.zeros((order.width + 1, n), dtype=complex if self._is_complex else float, order="F")
-        band[0] = np.bincount(order.low, weight, n) + np.bincount(order.high, weight, n) + held
-        band[order.high - order.low, order.low] = -weight if coupling is None else -weight * coupling
-        self._factor = factored(band)
-
-    def solve(self, right: Float64 | Complex128) -> Complex128:
-        """Return the solution (N, ...) for a right-hand side, both in the order of the nodes."""
-        solved, _ = (zpbtrs if self._is_complex else dpbtrs)(self._factor, right, lower=1)
-        found: Complex128 = solved
-        return found
+    n = len(order.nodes)
+    band = np.zeros((order.width + 1, n), dtype=float if coupling is None else complex, order="F")
+    band[0] = np.bincount(order.low, weight, n) + np.bincount(order.high, weight, n) + held
+    band[order.high - order.low, order.low] = -weight if coupling is None else -weight * coupling
+    return factored(band)
 
 
 def factored(band: Band) -> Band:
-    """Return the Cholesky factor of a band (width + 1, N), which is overwritten: its lower half, by columns.
+    """Return the Cholesky factor of a band, which is overwritten.
 
     Raises
     ------
     numpy.linalg.LinAlgError
         If the matrix is not positive definite.
     """
+    factor: Band
     factor, failed = (zpbtrf if np.iscomplexobj(band) else dpbtrf)(band, lower=1, overwrite_ab=1)
     if failed:
         raise np.linalg.LinAlgError("the pairs of a shape have weights that are not finite")
-    found: Band = factor
+    return factor
+
+
+def solved(factor: Band, right: NDArray[Any]) -> NDArray[Any]:
+    """Return the solutions (N, ...) by a factored band for right-hand sides."""
+    found: NDArray[Any]
+    found, _ = (zpbtrs if np.iscomplexobj(factor) else dpbtrs)(factor, right, lower=1)
     return found
-
-
-def solved(factor: Float64, right: Float64) -> Float64:
-    """Return the solutions (N, K) by a factored band for right-hand sides."""
-    found, _ = dpbtrs(factor, right, lower=1)
-    solution: Float64 = found
-    return solution

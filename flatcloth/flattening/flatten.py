@@ -7,7 +7,6 @@ from the coarse result. Components of the surface that no pair connects are flat
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -18,7 +17,7 @@ from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import ConfigError, FlatteningError
 from flatcloth.core.geometry import camera_from_object, fit_rigid2, object_from_camera, project
 from flatcloth.core.graphs import components
-from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
+from flatcloth.core.types import Bool, FlattenedView, Float64, Int32, RotationAxis
 from flatcloth.flattening.minimisation import ENERGY_TOLERANCE, Minimum, minimise
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
 from flatcloth.flattening.sampling import (
@@ -138,12 +137,11 @@ def flatten(
         least = _least_samples(surface, interval, min_area_m2)
         if levels:
             start = _from_coarse(samples, levels[-1], surface)
-            levels.append(_solve_level(samples, start, least, record))
         elif previous is not None:
             start = _as_in_previous(samples, previous, surface, axis)
-            levels.append(_solve_level(samples, start, least, record))
         else:
-            levels.append(_solve_level(samples, _pixel_start(samples, surface), least, record))
+            start = _pixel_start(samples, surface)
+        levels.append(_solve_level(samples, start, least, record))
     if not levels:
         raise FlatteningError(_too_small(surface))
     carrier = Carrier(levels[-1].uv_m, levels[-1], surface)
@@ -238,58 +236,42 @@ def _raster_components(
     config: FlatteningConfig,
     min_area_m2: float,
 ) -> list[Component]:
-    make = {"smooth": _smooth_components, "delaunay": _delaunay_components}.get(config.interpolation)
-    if make is None:
+    if config.interpolation not in ("smooth", "delaunay"):
         raise ConfigError(f"flattening.interpolation: {config.interpolation!r} is not smooth or delaunay.")
-    parts = make(level, carrier, surface, axis, config, min_area_m2)
-    found = [part for part in parts if part.view.valid.any()]
+    uv, stretch = carrier.place_all()
+    component = np.take(np.append(level.component, np.int32(-1)), carrier.nearest)  # of each pixel
+    drawn = _are_drawn(level, component, surface, min_area_m2)
+    found = []
+    for c in range(len(drawn)):
+        members = np.flatnonzero(level.component == c).astype(np.int32)
+        if config.interpolation == "delaunay":
+            triangles, flips = triangulate(level.uv_m, level, members, surface)
+            if len(triangles):
+                view = rasterise_triangles(
+                    level.uv_m, level, triangles, stretch, surface, axis, config.pixel_size_m
+                )
+                found.append(Component(view=view, members=members, flips=flips, overlaps=0))
+        elif drawn[c]:
+            view, flips, overlaps = rasterise_pixels(
+                uv, component == c, stretch, surface, axis, config.pixel_size_m
+            )
+            found.append(Component(view=view, members=members, flips=flips, overlaps=overlaps))
+    found = [part for part in found if part.view.valid.any()]
     found.sort(key=lambda part: -part.view.area_m2)
     return [part for n, part in enumerate(found) if n == 0 or part.view.area_m2 >= min_area_m2]
 
 
-def _smooth_components(
-    level: Level,
-    carrier: Carrier,
-    surface: Surface,
-    axis: RotationAxis,
-    config: FlatteningConfig,
-    min_area_m2: float,
-) -> Iterator[Component]:
-    uv, stretch = carrier.place_all()
-    component = np.take(np.append(level.component, np.int32(-1)), carrier.nearest)
+def _are_drawn(level: Level, component: Int32, surface: Surface, min_area_m2: float) -> Bool:
+    """Return which components have the samples and pixels of that area; the largest, if none has."""
     sizes = np.bincount(level.component)
     least = _least_samples(surface, level.sampling_interval_px, min_area_m2)
     pixels = np.bincount(component[component >= 0], minlength=sizes.size)
-    drawn = (sizes >= least) & (pixels * surface.pixel_pitch_m**2 >= 0.5 * min_area_m2)
+    drawn: Bool = (sizes >= least) & (pixels * surface.pixel_pitch_m**2 >= 0.5 * min_area_m2)
     if not drawn.any():
         drawn = sizes == sizes.max()
-    for c in np.flatnonzero(drawn & (sizes >= 3)):
-        view, flips, overlaps = rasterise_pixels(
-            uv, component == c, stretch, surface, axis, config.pixel_size_m
-        )
-        members = np.flatnonzero(level.component == c).astype(np.int32)
-        yield Component(view=view, members=members, flips=flips, overlaps=overlaps)
+    return drawn & (sizes >= 3)
 
 
 def _least_samples(surface: Surface, interval_px: int, area_m2: float) -> int:
     """Fewest samples of a component: 3, or the samples of that area when it is seen at 60 degrees."""
     return max(3, int(0.5 * area_m2 / (interval_px * surface.pixel_pitch_m) ** 2))
-
-
-def _delaunay_components(
-    level: Level,
-    carrier: Carrier,
-    surface: Surface,
-    axis: RotationAxis,
-    config: FlatteningConfig,
-    _min_area_m2: float,
-) -> Iterator[Component]:
-    _, stretch = carrier.place_all()
-    for c in range(int(level.component.max()) + 1):
-        members = np.flatnonzero(level.component == c).astype(np.int32)
-        triangles, flips = triangulate(level.uv_m, level, members, surface)
-        if len(triangles):
-            view = rasterise_triangles(
-                level.uv_m, level, triangles, stretch, surface, axis, config.pixel_size_m
-            )
-            yield Component(view=view, members=members, flips=flips, overlaps=0)

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from flatcloth.core.types import Complex128, Float64, Int32
-from flatcloth.flattening.bands import Order, factored, order_of, solved
+from flatcloth.flattening.bands import Order, factored, order_of, pair_form, solved
 
 ENERGY_TOLERANCE = 2e-3
 """The minimisation ends when a step promises to lower the energy by a smaller share than this. Set by
@@ -127,11 +127,8 @@ class _Lengths:
         ends = np.stack([low, high], axis=1).ravel()
         along = csr_array((np.tile([-1.0, 1.0], m), ends, np.arange(0, 2 * m + 1, 2)), shape=(m, n))
         self._along, self._at_ends = along, along.T.tocsr()
-        laplacian: Float64 = np.zeros((order.width + 1, n), order="F")
-        laplacian[0] = np.bincount(ends, minlength=n)
-        laplacian[high - low, low] = -1.0
-        laplacian[0, 0] += 1.0  # fixes one point and so makes the matrix definite
-        self._laplacian = factored(laplacian)
+        # The first point is held, which makes the matrix definite.
+        self._laplacian = pair_form(order, np.ones(m), held=np.eye(1, n)[0])
         # Where entries of a Hessian lie, u and v interleaved: of both ends by themselves, and between them.
         self._rows = 2 * order.width + 2
         u, other_u = 2 * low.astype(np.int64), 2 * high.astype(np.int64)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.compiled import njit
-from flatcloth.core.types import Bool, Float64, Floats, Int32, RgbdFrame
+from flatcloth.core.types import Bool, Float64, Floats, Int32
 
 STEP_RIGHT, STEP_DOWN = 1, 2
 """Bits of the steps of a surface: the step to the right (below) neighbour stays on one layer. By
@@ -61,24 +61,6 @@ def find_steps(inverse_depth: Float64, step_limit: float) -> NDArray[np.uint8]:
                 if p > 0 and abs(p - q) <= step_limit * min(p, q):
                     steps[r, c] |= 2
     return steps
-
-
-def normals_from_fit(
-    fit: Float64, rows: NDArray[np.number], cols: NDArray[np.number], frame: RgbdFrame
-) -> tuple[Float64, Float64]:
-    """Return unit normals (N, 3) towards the camera and the cosine of the incidence angle (N,).
-
-    A plane ``n . X = 1`` has the inverse depth ``n_x x + n_y y + n_z`` at the image ray (x, y, 1).
-    """
-    k = frame.intrinsics
-    x, y = (cols - k.cx) / k.fx, (rows - k.cy) / k.fy
-    n = np.stack([fit[:, 1] * k.fx, fit[:, 2] * k.fy, fit[:, 0]], axis=1)
-    n[:, 2] -= n[:, 0] * x + n[:, 1] * y
-    length = np.linalg.norm(n, axis=1)
-    length[length == 0] = np.inf
-    cos_incidence = fit[:, 0] / (length * np.sqrt(x * x + y * y + 1))
-    normal: Float64 = -n / length[:, None]
-    return normal, cos_incidence
 
 
 def fit_planes(

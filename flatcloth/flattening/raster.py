@@ -74,7 +74,7 @@ def rasterise_triangles(
     pixel_size_m: float,
 ) -> FlattenedView:
     """Interpolate ``F(u, v)`` linearly over the triangles of the samples; at least one triangle."""
-    low, shape = _grid(uv_m[np.unique(triangles)].T, pixel_size_m)
+    low, shape = grid_around(uv_m[np.unique(triangles)].T, pixel_size_m)
     points = uv_m / pixel_size_m - low
     source_rc = _fill_triangles(points, triangles, samples.points_rc.astype(np.float64), shape)
     return read_attributes(source_rc, stretch, surface, axis, pixel_size_m, low)
@@ -115,17 +115,19 @@ def rasterise_pixels(
     """
     left, top, cols, rows = cv2.boundingRect(part.view(np.uint8))
     box = slice(top, top + rows), slice(left, left + cols)
-    low, shape = _grid([uv_m[box][..., k][part[box]] for k in range(2)], pixel_size_m)
+    low, shape = grid_around([uv_m[box][..., k][part[box]] for k in range(2)], pixel_size_m)
     source_rc, flips, overlaps = _fill_pixels(
         uv_m, part, surface.steps, (top, top + rows, left, left + cols), low, pixel_size_m, shape
     )
     return read_attributes(source_rc, stretch, surface, axis, pixel_size_m, low), flips, overlaps
 
 
-def _grid(points_m: Sequence[Float64] | Float64, pixel_size_m: float) -> tuple[Float64, tuple[int, int]]:
-    """Lowest corner (in pixels) and shape of the grid around the points (2, K)."""
-    low = np.array([np.floor(along.min() / pixel_size_m) - 1 for along in points_m])
-    high = [np.ceil(along.max() / pixel_size_m) + 2 for along in points_m]
+def grid_around(
+    points_m: Sequence[Float64] | Float64, pixel_size_m: float, margin_px: int = 1
+) -> tuple[Float64, tuple[int, int]]:
+    """Return the lowest corner (in pixels) and the shape of the grid around points (2, K)."""
+    low = np.array([np.floor(along.min() / pixel_size_m) - margin_px for along in points_m])
+    high = [np.ceil(along.max() / pixel_size_m) + margin_px + 1 for along in points_m]
     return low, (int(high[1] - low[1]), int(high[0] - low[0]))
 
 

@@ -62,48 +62,31 @@ def sample(stack: Float32, rc: Float64) -> Float32:
     return result
 
 
-def place(view: FlattenedView, target_from_view: Rigid2) -> FlattenedView:
-    """Return a view resampled on another plane, on a grid of its own."""
-    origin, shape = bounds([target_from_view.apply(corners(view))], view.pixel_size_m)
-    inverse, size = target_from_view.inverse(), view.pixel_size_m
-    label = carry_labels(view, view.view_index, inverse, origin, shape, size)
-    known = np.where(label >= 0, 0, -1).astype(np.int16)
-    drawn = render(known, {0: view}, {0: target_from_view}, origin, view.pixel_size_m)
-    return replace(drawn, view_index=np.where(drawn.valid, label, -1).astype(np.int16))
+Laid = tuple[FlattenedView, Rigid2]
+"""A view, and the motion from its own plane to that of the result."""
 
 
-def place_all(views: Sequence[tuple[FlattenedView, Rigid2]]) -> FlattenedView:
+def place(views: Sequence[Laid]) -> FlattenedView:
     """Return views rastered together on another plane; where several lie, the first is shown."""
     size = views[0][0].pixel_size_m
     origin, shape = bounds([motion.apply(corners(view)) for view, motion in views], size)
-    label = np.full(shape, -1, dtype=np.int16)
+    label, index = np.full((2, *shape), -1, dtype=np.int16)
     for n, (view, motion) in enumerate(views):
-        own = np.where(view.valid, n, -1).astype(np.int16)
-        carried = carry_labels(view, own, motion.inverse(), origin, shape, size)
-        label = np.where(label >= 0, label, carried)
-    made = render(
-        label,
-        {n: v for n, (v, _) in enumerate(views)},
-        {n: m for n, (_, m) in enumerate(views)},
-        origin,
-        size,
-    )
-    index = np.array([*(int(view.view_index.max()) for view, _ in views), -1], dtype=np.int16)
-    return replace(made, view_index=index[made.view_index])
+        carried = carry_labels(view, view.view_index, motion.inverse(), origin, shape, size)
+        fresh = (label < 0) & (carried >= 0)
+        label[fresh], index[fresh] = n, carried[fresh]
+    made = render(label, views, origin, size)
+    return replace(made, view_index=np.where(made.valid, index, np.int16(-1)))
 
 
 def render(
-    label: NDArray[np.int16],
-    views: dict[int, FlattenedView],
-    plane_from_view: dict[int, Rigid2],
-    origin_uv_m: tuple[float, float],
-    pixel_size_m: float,
+    label: NDArray[np.int16], views: Sequence[Laid], origin_uv_m: tuple[float, float], pixel_size_m: float
 ) -> FlattenedView:
-    """Return the view whose pixels (H, W) come from the views named by ``label`` (-1 none)."""
+    """Return the view whose pixels (H, W) come from the views that ``label`` numbers (-1 none)."""
     values = np.full((*label.shape, 15), np.nan, dtype=np.float32)
     for k in np.unique(label[label >= 0]):
         at = label == k
-        values[at] = sample_at(views[int(k)], plane_from_view[int(k)], at, origin_uv_m, pixel_size_m)
+        values[at] = sample_at(*views[int(k)], at, origin_uv_m, pixel_size_m)
     valid = np.isfinite(values[..., 9])
     values[~valid] = np.nan
     normal = values[..., 6:9]

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.compiled import njit
 from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.flattening.patches import NOISY_WINDOW_PX, fit_patches, normals_from_fit
+from flatcloth.flattening.patches import NOISY_WINDOW_PX, fit_patches
 from flatcloth.flattening.surface import Surface
 
 LEAST_INTERVAL_M = 0.012
@@ -119,11 +119,14 @@ def fit_samples(surface: Surface, rc: Float64) -> tuple[Float64, Float64, Bool]:
     )
     known &= here[:, 0] > 0
     here[~known] = (1.0, 0.0, 0.0)
-    k = surface.frame.intrinsics
-    normal, _ = normals_from_fit(here, rc[:, 0], rc[:, 1], surface.frame)
-    depth = 1.0 / here[:, 0]
-    points = np.stack([(rc[:, 1] - k.cx) / k.fx * depth, (rc[:, 0] - k.cy) / k.fy * depth, depth], axis=1)
-    return points, normal, known
+    k, depth = surface.frame.intrinsics, 1.0 / here[:, 0]
+    x, y = (rc[:, 1] - k.cx) / k.fx, (rc[:, 0] - k.cy) / k.fy
+    # A plane n . X = 1 has the inverse depth n_x x + n_y y + n_z at the image ray (x, y, 1).
+    n = np.stack([here[:, 1] * k.fx, here[:, 2] * k.fy, here[:, 0]], axis=1)
+    n[:, 2] -= n[:, 0] * x + n[:, 1] * y
+    length = np.linalg.norm(n, axis=1)
+    length[length == 0] = np.inf
+    return np.stack([x * depth, y * depth, depth], axis=1), -n / length[:, None], known
 
 
 def pairs_on_surface(rc: Int32, reach_px: int, surface: Surface) -> Int32:

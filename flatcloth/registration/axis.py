@@ -80,12 +80,13 @@ def resolve_axis(recording: Recording, frame: Callable[[int], RgbdFrame], config
     seen = _of_readable(views, lambda view: coarse_features(frame(view), config))
     found = estimate_axis(seen, _starts(seen, held))
     if found is not None:
+        axis, rms_m = found
         note = (
             f"The turning axis is not recorded. It was estimated from {len(seen)} views, which agree "
-            f"to {1000 * found.rms_m:.1f} mm."
+            f"to {1000 * rms_m:.1f} mm."
         )
-        top = _found_held_point(recording, frame, found.axis, config) if held is None else held
-        return Hanging(axis=_through_height_of(top, found.axis), held_point_m=top, notes=(note,))
+        top = _found_held_point(recording, frame, axis, config) if held is None else held
+        return Hanging(axis=_through_height_of(top, axis), held_point_m=top, notes=(note,))
     upright = RotationAxis(point_m=np.zeros(3), direction=UP, estimated=True)
     top = (
         _top(_of_readable(views[:1], lambda view: _points(frame(view), config)), upright)

@@ -167,16 +167,9 @@ _LEAST_AGREEING = 0.2
 """Share of points that must agree. Chosen; tests/registration has views that agree with no axis."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class AxisEstimate:
-    """The axis, the share of points that agree with it, and their deviation (RMS)."""
-
-    axis: RotationAxis
-    agreeing_share: float
-    rms_m: float
-
-
-def estimate_axis(views: Sequence[ViewFeatures], starts_m: Sequence[Float64]) -> AxisEstimate | None:
+def estimate_axis(
+    views: Sequence[ViewFeatures], starts_m: Sequence[Float64]
+) -> tuple[RotationAxis, float] | None:
     """Estimate the axis that agrees best with the views.
 
     Parameters
@@ -189,8 +182,9 @@ def estimate_axis(views: Sequence[ViewFeatures], starts_m: Sequence[Float64]) ->
 
     Returns
     -------
-    AxisEstimate or None
-        None if the views do not determine it: too few, too far apart, or without agreement.
+    (RotationAxis, float) or None
+        The axis, and the deviation (RMS, m) of the points that agree with it. None if the views do not
+        determine it: too few, too far apart, or without agreement.
 
     Notes
     -----
@@ -212,8 +206,7 @@ def estimate_axis(views: Sequence[ViewFeatures], starts_m: Sequence[Float64]) ->
     determined = final.agreeing_share >= _LEAST_AGREEING and final.uncertainty_m <= _SCALES_M[-1]
     if not determined or not _plausible(best.axis, views):
         return None
-    axis = replace(best.axis, estimated=True)
-    return AxisEstimate(axis=axis, agreeing_share=final.agreeing_share, rms_m=final.rms_m)
+    return replace(best.axis, estimated=True), final.rms_m
 
 
 def _pairs(angles_deg: Sequence[float]) -> list[tuple[int, int]]:

@@ -27,25 +27,6 @@ from flatcloth.registration.view_features import UNKNOWNS, ViewFeatures
 
 
 @dataclass(frozen=True, kw_only=True)
-class Registration:
-    """The change of the pose of a view's camera by registration, and its uncertainty.
-
-    ``turned_deg`` is the rotation of the item in addition to the recorded one, ``swung_deg`` its tilt about
-    the held point, ``moved_m`` the displacement of the centre of the view's surface by all changes, including
-    the axis. ``std_deg`` and ``std_m`` (3,) are standard deviations of rotation and position of that centre
-    (object frame: x, y, z) relative to the views it was compared with, or to the recorded motion if there are
-    none.
-    """
-
-    view_index: int
-    turned_deg: float
-    swung_deg: float
-    moved_m: float
-    std_deg: Float64
-    std_m: Float64
-
-
-@dataclass(frozen=True, kw_only=True)
 class Spread:
     """How uncertain the M unknowns are: a mixture of Gaussians, one for each of K likely grades.
 
@@ -160,8 +141,21 @@ class Registered:
 
     @cached_property
     def stds(self) -> Float64:
-        """(N, 6) standard deviations of rotation (rad) and position (m); see :class:`Registration`."""
+        """(N, 6) standard deviations of rotation (rad) and position (m) of the middle of each view's surface.
+
+        Object frame (x, y, z), relative to the views it was compared with, or to the recorded motion if there
+        are none.
+        """
         return _relative_stds(self)
+
+    @property
+    def moved_m(self) -> Float64:
+        """(N,) displacement of the middle of each view's surface by all changes, including the axis."""
+        moved = []
+        for seen, known, now in zip(self.features, self.known, self.object_from_camera, strict=True):
+            middle_m = known.apply(seen.middle_m)
+            moved.append(np.linalg.norm((now @ known.inverse()).apply(middle_m) - middle_m))
+        return np.array(moved)
 
     @cached_property
     def twists(self) -> Float64:
@@ -189,11 +183,6 @@ class Registered:
         pull = np.array([pair.gradient for pair in self.pairs]) + np.einsum("pij,pj->pi", form, off)
         turn, shift_m = math.radians(self.prior.turn_stds_deg[0]), self.prior.axis_stds_m[0]
         return surprise(form, pull, np.repeat([turn, shift_m], 3))
-
-    @cached_property
-    def views(self) -> tuple[Registration, ...]:
-        """The report of each view."""
-        return tuple(_report(self, n) for n in range(len(self.features)))
 
 
 def surprise(form: Float64, pull: Float64, free: Float64 | None = None) -> Float64:
@@ -233,19 +222,6 @@ def describe(registered: Registered) -> str:
         f"Cameras registered: the axis moved by {1e3 * registered.axis_moved_m:.1f} mm "
         f"(+-{1e3 * registered.axis_std_m:.1f}), angles by up to {turned:.1f} degrees, swing up to "
         f"{swung:.1f} degrees; {agree}"
-    )
-
-
-def _report(registered: Registered, n: int) -> Registration:
-    seen, known, pose = registered.features[n], registered.known[n], registered.object_from_camera[n]
-    own, middle = registered.own[n], known.apply(seen.middle_m)
-    return Registration(
-        view_index=seen.view_index,
-        turned_deg=math.degrees(own[0]),
-        swung_deg=math.degrees(math.hypot(own[1], own[2])),
-        moved_m=float(np.linalg.norm((pose @ known.inverse()).apply(middle) - middle)),
-        std_deg=np.degrees(registered.stds[n, :3]),
-        std_m=registered.stds[n, 3:],
     )
 
 

@@ -15,14 +15,13 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Complex128, Int32
-from flatcloth.shape.deviations import deviations_m
+from flatcloth.shape.deviations import LOST, deviations_m, ripples_of
 from flatcloth.shape.graph import Graph, Links, graph_of, uv_of, view_frames
 from flatcloth.shape.hand import ByHand, with_hands
 from flatcloth.shape.joints import DecidedParts, doubt_m, seen_often
 from flatcloth.shape.layout import Minimum, minimum, pairs_of, places, rotations
 from flatcloth.shape.observations import Observed, PlacedView, observe_all, with_view
 from flatcloth.shape.pieces import cut_of_overlap, pieces_of, with_main
-from flatcloth.shape.ripples import LOST, ripples_of
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
-from flatcloth.flattening.bands import Order, PairForm, factored, order_of, solved
+from flatcloth.flattening.bands import Order, factored, order_of, pair_form, solved
 from flatcloth.shape.graph import Graph
 
 LAMBDA = 0.3
@@ -94,9 +94,9 @@ def rotations(pairs: Pairs, used: Bool, certain: Bool) -> tuple[Complex128, Floa
     turn /= np.maximum(np.abs(turn), np.finfo(float).tiny)
     rotation, holds = np.ones(len(order.nodes), dtype=complex), np.where(used, 1.0, 0.0)
     for scale in _scales(FALSE_RAD):
-        form = PairForm(order, pairs.weight * holds, turn, _HELD)
+        form = pair_form(order, pairs.weight * holds, turn, _HELD)
         for _ in range(_ITERATIONS):
-            rotation = form.solve(rotation)
+            rotation = solved(form, rotation)
             rotation /= np.maximum(np.abs(rotation), np.finfo(float).tiny)
         off = np.abs(rotation[order.high] - turn * rotation[order.low])
         holds = np.where(certain, 1.0, np.where(used, _geman_mcclure(off, scale), 0.0))
@@ -117,7 +117,7 @@ def places(pairs: Pairs, rotation: Complex128, holds: Float64, certain: Bool) ->
         right = np.empty((n, 2), order="F")
         for axis, way_m in enumerate((weight * middle.real, weight * middle.imag)):
             right[:, axis] = np.bincount(order.high, way_m, n) - np.bincount(order.low, way_m, n)
-        found: Complex128 = PairForm(order, weight, held=_HELD).solve(right) @ np.array([1.0, 1j])
+        found: Complex128 = solved(pair_form(order, weight, held=_HELD), right) @ np.array([1.0, 1j])
         return found
 
     z = solved_places(pairs.weight * holds)

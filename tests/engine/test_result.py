@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from exported_sessions import cylinder_session
 
-from flatcloth.engine.result import Areas, left_out, pixel_counts, pixel_states
+from flatcloth.engine.result import Areas, left_out, missing_pixels, pixel_counts, states_of
 from flatcloth.export.session import OpenedSession
 from flatcloth.flattening.pixel_states import PixelState
 from flatcloth.rendering.sides import state_legend, state_rgba
@@ -59,17 +59,18 @@ def test_every_pixel_of_the_item_is_counted_with_what_became_of_it(session: Open
     # A view that is not part of the shape tells why its pixels are no part of a surface, not more.
     last = document.accepted[-1].view_index
     before = replace(document, accepted=document.accepted[:-1])
-    now, then = (pixel_states(integration, each, last) for each in (document, before))
-    assert set(np.unique(now.states[then.states == PixelState.NOT_USED])) <= {
+    now, then = (states_of(integration, each, last) for each in (document, before))
+    missing_now, missing_then = (missing_pixels(integration, each, last) for each in (document, before))
+    assert set(np.unique(now[then == PixelState.NOT_USED])) <= {
         PixelState.SHAPE,
         PixelState.STRIP,
         PixelState.NO_CHAIN,
     }
-    assert not (now.is_missing & (now.states == PixelState.SHAPE)).any()
-    assert now.is_missing.sum() < then.is_missing.sum()
-    legend = {row["state"]: row for row in state_legend(then.states, then.is_missing)}
+    assert not (missing_now & (now == PixelState.SHAPE)).any()
+    assert missing_now.sum() < missing_then.sum()
+    legend = {row["state"]: row for row in state_legend(then, missing_then)}
     assert legend["not_used"]["missing"] > 0.05
     assert sum(row["share"] for row in legend.values()) == pytest.approx(1.0, abs=1e-3)
-    image = state_rgba(then.states, then.is_missing)
-    assert image[then.is_missing & (then.states == PixelState.NOT_USED), 3].min() > 200
-    assert (state_rgba(now.states, now.is_missing)[now.states == PixelState.SHAPE, 3] == 0).all()
+    image = state_rgba(then, missing_then)
+    assert image[missing_then & (then == PixelState.NOT_USED), 3].min() > 200
+    assert (state_rgba(now, missing_now)[now == PixelState.SHAPE, 3] == 0).all()

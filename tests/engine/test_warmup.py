@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 
 from flatcloth.core.errors import CancelledError
-from flatcloth.engine import kernels as table
 from flatcloth.engine import warmup
-from flatcloth.engine.kernels import Kernel
+from flatcloth.engine.warmup import Kernel
 
 
 def function() -> None:
@@ -73,15 +72,15 @@ def test_what_needs_kernels_waits_until_the_processes_end_and_can_be_cancelled(i
 
 
 def test_the_shares_are_the_whole_table_and_take_about_as_long() -> None:
-    one, other = table.shares(2)
-    told = [line["name"] for line in json.loads(table.TABLE.read_text())]
+    one, other = warmup.shares(2)
+    told = [line["name"] for line in json.loads(warmup.TABLE.read_text())]
     assert sorted(k.name for k in [*one, *other]) == sorted(told)
     seconds = [sum(k.compile_s for k in share) for share in (one, other)]
     assert max(seconds) < 1.2 * min(seconds)
 
 
 def test_each_kernel_of_the_table_is_there_and_takes_these_types() -> None:
-    for kernel in table.kernels():
+    for kernel in warmup.kernels():
         kernel.compile()
         assert kernel.is_kept
         kept = Path(kernel.dispatcher.stats.cache_path)

@@ -10,7 +10,7 @@ from garment_evidence import blank_view
 from flatcloth.core.errors import FlatteningError
 from flatcloth.core.types import Rigid2
 from flatcloth.flattening.borders import SPACING_M, border_of, solid_cloth
-from flatcloth.flattening.resampling import bounds, place, place_all
+from flatcloth.flattening.resampling import bounds, place
 
 SIZE_M, MIDDLE = 0.002, 60
 
@@ -75,14 +75,14 @@ def test_views_that_are_placed_together_keep_their_places_and_the_first_is_on_to
     colors = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
     view = dataclasses.replace(blank_view(np.ones((20, 30), dtype=bool)), rgb=colors)
     apart_m = 25 * view.pixel_size_m
-    made = place_all([(view, Rigid2()), (view, Rigid2(0.0, apart_m, 0.0))])
+    made = place([(view, Rigid2()), (view, Rigid2(0.0, apart_m, 0.0))])
     assert made.shape == (20, 55)
     assert made.valid.all()
     np.testing.assert_allclose(made.origin_uv_m, view.origin_uv_m, atol=1e-9)
     np.testing.assert_array_equal(made.rgb, np.concatenate([colors, colors[:, 5:]], axis=1))
     np.testing.assert_allclose(made.xyz_m[:, :30], view.xyz_m, atol=1e-6)
     np.testing.assert_allclose(made.xyz_m[:, 30:], view.xyz_m[:, 5:], atol=1e-6)
-    alone = place(view, Rigid2(0.0, apart_m, 0.0))
+    alone = place([(view, Rigid2(0.0, apart_m, 0.0))])
     np.testing.assert_allclose(alone.origin_uv_m[0], view.origin_uv_m[0] + apart_m, atol=1e-9)
 
 
@@ -90,7 +90,7 @@ def test_views_that_are_placed_together_keep_their_places_and_the_first_is_on_to
 def test_a_view_that_lies_absurdly_far_from_another_is_not_drawn_with_it(far_m: float) -> None:
     view = blank_view(np.ones((20, 30), dtype=bool))
     with pytest.raises(FlatteningError, match="would be too large"):
-        place_all([(view, Rigid2()), (view, Rigid2(0.0, far_m, far_m))])
+        place([(view, Rigid2()), (view, Rigid2(0.0, far_m, far_m))])
 
 
 def test_the_grid_round_all_corners_begins_at_whole_pixels_below_them() -> None:

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from flatcloth.engine.evaluation import trimmed_fit
-from flatcloth.flattening.bands import PairForm, order_of
+from flatcloth.flattening.bands import order_of, pair_form, solved
 from flatcloth.flattening.minimisation import minimise
 
 Sheet = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]
@@ -99,7 +99,7 @@ def test_a_band_solves_as_the_full_matrix() -> None:
     order = order_of(len(start), edges)
     rhs = np.random.default_rng(1).standard_normal(len(start))
     found = np.empty_like(rhs)
-    found[order.nodes] = PairForm(order, np.ones(len(edges)), held=0.25).solve(rhs[order.nodes])
+    found[order.nodes] = solved(pair_form(order, np.ones(len(edges)), held=0.25), rhs[order.nodes])
     np.testing.assert_allclose(full @ found, rhs, atol=1e-9)
 
 

@@ -111,7 +111,7 @@ def table(seen: list[Outcome]) -> str:
 
 def _import_everything() -> None:
     """Load libraries and compiled kernels once: else each forked process does, in half a second of CPU."""
-    from flatcloth.engine.kernels import compile_share
+    from flatcloth.engine.warmup import compile_share
     from flatcloth.recordings.files.libraries import load_realsense
     from flatcloth.synthesis.rendering import load_open3d
 

@@ -67,7 +67,7 @@ def test_a_held_point_moves_with_the_cloth_when_the_plane_turns() -> None:
     view = sheet_view(np.ones((60, 80), dtype=bool))
     at = np.array([0.35, 0.1])  # beside the cloth
     decisions = GarmentDecisions(held=(held_point("neck_left", at, view),))
-    (pull,) = pulls_of(decisions, place(view, MOVED))
+    (pull,) = pulls_of(decisions, place([(view, MOVED)]))
     assert pull.name == "neck_left"
     np.testing.assert_allclose(pull.uv_m, MOVED.apply(at), atol=0.004)
     elsewhere = dataclasses.replace(view, xyz_m=view.xyz_m + 0.5)
@@ -81,7 +81,9 @@ def test_a_placed_piece_stays_on_its_place_when_both_planes_turn_and_the_last_de
     laid = Rigid2(0.1, 0.02, 0.03)
     decision = placed_piece(piece, shape, laid, 0.97, 0.02, accepted=True)
     turned = Rigid2(-1.0, 3.0, 4.0)
-    found = decided_pieces(GarmentDecisions(pieces=(decision,)), place(shape, MOVED), (place(piece, turned),))
+    found = decided_pieces(
+        GarmentDecisions(pieces=(decision,)), place([(shape, MOVED)]), (place([(piece, turned)]),)
+    )
     assert found.refused == frozenset()
     assert found.std_m == {0: 0.02}
     expected = MOVED @ laid @ turned.inverse()

@@ -39,7 +39,7 @@ class SideBySide(Method):
     def canonical(self, document: Document) -> Canonical:
         assert document.start_view is not None
         used = (document.start_view, *(a.view_index for a in document.accepted))
-        view = place(self._views.part(document.start_view, 0), Rigid2())
+        view = place([(self._views.part(document.start_view, 0), Rigid2())])
         return Canonical(view=view, current_from_view=dict.fromkeys(used, Rigid2()))
 
     def plan(self, document: Document, unusable: set[int]) -> Plan:

@@ -170,7 +170,7 @@ def test_a_wrong_axis_wrong_angles_and_swing_are_found(
 
 def test_the_errors_are_as_large_as_is_said() -> None:
     found = registered(features_of_views(loose=SWINGING, spoiled=noise))
-    for n, view in enumerate(found.views[1:], start=1):
+    for n, stds in enumerate(found.stds[1:], start=1):
         middle = found.known[n].apply(np.median(found.features[n].points_m, axis=0))
 
         def off(k: int, middle: Float64 = middle) -> Float64:
@@ -181,9 +181,9 @@ def test_the_errors_are_as_large_as_is_said() -> None:
             end for pair in found.pairs if n in (pair.first, pair.second) for end in (pair.first, pair.second)
         }
         against = np.mean([off(p) for p in sorted(ends - {n})], axis=0)
-        assert (np.abs(off(n) - against) < 4.0 * view.std_m + 0.0002).all()
-        assert (view.std_m < 0.001).all()
-        assert (view.std_deg < 0.6).all()
+        assert (np.abs(off(n) - against) < 4.0 * stds[3:] + 0.0002).all()
+        assert (stds[3:] < 0.001).all()
+        assert (np.degrees(stds[:3]) < 0.6).all()
 
 
 @pytest.mark.parametrize("spoiled", [clean, noise])
@@ -206,24 +206,22 @@ def test_a_sensor_that_makes_what_is_near_larger_is_not_taken_for_wrong_poses() 
 def test_texture_decides_how_a_smooth_cylinder_is_turned() -> None:
     loose = Loose(turned_deg=(0.0, 1.2, -1.0, 1.5))
     found = registered(features_of_views(smooth, printed, loose))
-    for view, recorded_short_deg in zip(found.views, loose.turned_deg, strict=True):
-        first = found.views[0]
-        assert view.turned_deg - first.turned_deg == pytest.approx(recorded_short_deg, abs=0.15)
-    assert max(view.std_deg[1] for view in found.views) < 0.3
+    turned_deg = np.degrees(found.own[:, 0])
+    np.testing.assert_allclose(turned_deg - turned_deg[0], loose.turned_deg, atol=0.15)
+    assert np.degrees(found.stds[:, 1]).max() < 0.3
 
 
 def test_without_texture_a_smooth_cylinder_is_not_turned_and_it_says_so() -> None:
     loose = Loose(turned_deg=(0.0, 1.2, -1.0, 1.5))
     features = features_of_views(smooth, plain, loose)
     found = registered(features)
-    assert max(abs(view.turned_deg) for view in found.views) < 0.1
+    assert np.degrees(np.abs(found.own[:, 0])).max() < 0.1
     sure = registered(features_of_views(smooth, printed, loose))
-    for view, textured in zip(found.views, sure.views, strict=True):
-        assert view.std_deg[1] > 2.0 * textured.std_deg[1]
+    assert (found.stds[:, 1] > 2.0 * sure.stds[:, 1]).all()
     # Were the recording known to be loose, nothing would be known of the turn but that.
     always_loose = PosePrior(turn_stds_deg=(1.5,), axis_stds_m=(0.006,), swing_stds_deg=(0.02,))
-    unknown = registered(features, always_loose).views[1]
-    assert unknown.std_deg[1] == pytest.approx(1.5 * 2**0.5, rel=0.35)
+    unknown = registered(features, always_loose)
+    assert math.degrees(unknown.stds[1, 1]) == pytest.approx(1.5 * 2**0.5, rel=0.35)
 
 
 def test_the_lamp_is_not_taken_for_texture() -> None:
@@ -260,7 +258,7 @@ def test_a_fit_where_no_view_can_stand_is_not_believed() -> None:
     found = registered(
         features_of_views(paint=plain, loose=Loose(turned_deg=(0.0, 12.0)), angles=(0.0, 20.0))
     )
-    assert abs(found.views[1].turned_deg) < 6.0
+    assert abs(math.degrees(found.own[1, 0])) < 6.0
 
 
 def test_one_wrong_pair_among_many_loses_its_weight() -> None:

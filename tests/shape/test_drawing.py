@@ -9,10 +9,9 @@ from scenes import AXIS, CAMERA, Cylinder, box, frame, placed_view, plane
 from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.types import FlattenedView
 from flatcloth.shape.algorithm import as_decided, shape
-from flatcloth.shape.drawing import composite, draw, pixel_cost
+from flatcloth.shape.drawing import composite, draw, pixel_cost, with_placement_std
 from flatcloth.shape.joints import DecidedParts
 from flatcloth.shape.observations import FRONTAL_NOISE, PlacedView
-from flatcloth.shape.rims import with_placement_std
 from flatcloth.shape.shape import PIECES_APART_M, Shape, of_views
 
 ANGLES = (0.0, 30.0)

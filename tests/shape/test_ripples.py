@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flatcloth.core.types import Float64
-from flatcloth.shape.ripples import ripples_of
+from flatcloth.shape.deviations import ripples_of
 
 
 def rolled(lean_rad: Float64) -> tuple[Float64, Float64, Float64]:

@@ -9,8 +9,10 @@ as the rotation is known, the same cloth is at the same place in both views.
 
 from __future__ import annotations
 
+import itertools
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -46,7 +48,7 @@ SEARCH_POINTS = 700
 COARSE_SMOOTHING_M = SPACING_M
 """Smoothing of the texture in the coarse search, whose step it is, and in the score."""
 _COARSE_STEP = np.array([math.radians(_SEARCH_STEP_DEG), COARSE_SMOOTHING_M, COARSE_SMOOTHING_M])
-Z_ANGLE_SMOOTHING_M = COARSE_SMOOTHING_M
+_Z_ANGLE_SMOOTHING_M = COARSE_SMOOTHING_M
 """Z-angles are compared as coarsely as the texture."""
 FINE_SMOOTHING_M = FlatteningConfig().pixel_size_m
 """Smoothing of the texture in the detailed search: a pixel of flattened views."""
@@ -104,11 +106,6 @@ class Matcher:
     tolerates its larger steps, and so do the agreements that the score does not use.
     """
 
-    score_smoothing_m = COARSE_SMOOTHING_M
-    z_angle_smoothing_m = Z_ANGLE_SMOOTHING_M
-    z_angle_weight = 1.0
-    """Weight of the Z-angle in the search; intensity and height have 1 each."""
-
     def __init__(self, current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> None:
         self._pixel_size_m = new.pixel_size_m
         self._current_pixel_size_m = current.pixel_size_m
@@ -126,7 +123,7 @@ class Matcher:
 
     def _attributes(self, view: FlattenedView, axis: RotationAxis, texture: Float32) -> NDArray[np.void]:
         """Return what is compared of each pixel (H, W), NaN off the cloth."""
-        angle = np.radians(mean_z_angle_deg(view, axis, 0.0, self.z_angle_smoothing_m))
+        angle = np.radians(mean_z_angle_deg(view, axis, 0.0))
         place = view.xyz_m @ np.stack(horizontal_axes(axis), axis=-1)
         fields = np.empty(view.shape, dtype=_ATTRIBUTES)
         fields["texture"], fields["height_m"] = texture, height_m(view.xyz_m, axis)
@@ -139,8 +136,8 @@ class Matcher:
         self,
         motions: list[Rigid2],
         stride: int,
-        smoothing_m: float | None = None,
-        z_angle_weight: float | None = None,
+        smoothing_m: float = FINE_SMOOTHING_M,
+        z_angle_weight: float = 1.0,
     ) -> Disagreement:
         """Compute the disagreement under each of n motions.
 
@@ -150,21 +147,20 @@ class Matcher:
             Placements ``current_from_new``.
         stride : int
             Step in pixels between the compared pixels of the new view.
-        smoothing_m : float, optional
-            Coarse or fine texture; by default fine.
-        z_angle_weight : float, optional
-            By default that of the search.
+        smoothing_m : float
+            ``COARSE_SMOOTHING_M`` or ``FINE_SMOOTHING_M``.
+        z_angle_weight : float
+            Weight of the Z-angle; intensity and height have 1 each.
         """
-        which = FINE_SMOOTHING_M if smoothing_m is None else smoothing_m
         poses = np.array([[m.theta_rad, m.u_m, m.v_m] for m in motions])
         found: Disagreement = _compare(
-            self._fields[which],
+            self._fields[smoothing_m],
             self._uv[::stride],
-            self._values[which][::stride],
+            self._values[smoothing_m][::stride],
             poses,
             self._origin,
             self._current_pixel_size_m,
-            self.z_angle_weight if z_angle_weight is None else z_angle_weight,
+            z_angle_weight,
         )
         return found
 
@@ -201,7 +197,7 @@ class Matcher:
         noise or where the view is bent otherwise than the shape (``docs/method.md``). They are listed
         with the score; intensity and height relative to randomly paired pixels.
         """
-        found = self.disagreement([current_from_new], 1, self.score_smoothing_m)
+        found = self.disagreement([current_from_new], 1, COARSE_SMOOTHING_M)
         share = float(found.overlap_share[0])
         area = share * len(self._uv) * self._pixel_size_m**2
         by_intensity = max(0.0, 1.0 - float(found.intensity[0]) / max(self._chance[0], 1e-6))
@@ -217,19 +213,15 @@ class Matcher:
             "overlap_cm2": area * 1e4,
             "overlap_share": share,
         }
-        total = self.total(parts) * min(1.0, area / _ENOUGH_OVERLAP_M2)
+        total = by_place * min(1.0, area / _ENOUGH_OVERLAP_M2)
         return AlignmentScore(total, parts, finite(parts["height_rms_mm"]))
-
-    def total(self, parts: dict[str, float]) -> float:
-        """Return the score of a sufficient overlap."""
-        return parts["place_agreement"]
 
     def _chance_disagreement(self) -> tuple[float, float]:
         """Mean disagreement of randomly paired pixels, by intensity and by height."""
-        current = self._fields[self.score_smoothing_m]
+        current = self._fields[COARSE_SMOOTHING_M]
         current = current[np.isfinite(current["height_m"])]
         random = np.random.default_rng(0)
-        b = self._values[self.score_smoothing_m]
+        b = self._values[COARSE_SMOOTHING_M]
         a = current[random.integers(0, len(current), len(b))]
         intensity = np.square(a["texture"] - b["texture"])
         height = np.square((a["height_m"] - b["height_m"]) / (0.5 * PLACE_SCALE_M))
@@ -242,7 +234,7 @@ class Matcher:
         points: int,
         smoothing_m: float,
         expected_share: float,
-        z_angle_weight: float | None = None,
+        z_angle_weight: float = 1.0,
     ) -> Float64:
         """Return the cost that is minimised: disagreement, missing overlap, and a small cost of distance."""
         stride = max(1, len(self._uv) // points)
@@ -264,8 +256,6 @@ class Matcher:
 
         The Z-angle is averaged over as much, so that it leads to the place but not to the millimetre.
         """
-        if self.z_angle_weight == 0.0:
-            return start
         _, best = self._descend(initial, start, center, share, _COARSE_STEP / 4, z_angle_weight=0.0)
         return best if (np.abs(best - start) <= _COARSE_STEP).all() else start
 
@@ -276,7 +266,7 @@ class Matcher:
         center: Float64,
         share: float,
         first_step: Float64,
-        z_angle_weight: float | None = None,
+        z_angle_weight: float = 1.0,
     ) -> tuple[float, Float64]:
         neighbours = np.array([(t, u, v) for t in (-1, 0, 1) for u in (-1, 0, 1) for v in (-1, 0, 1)])
         step, best, lowest = first_step, start, math.inf
@@ -318,17 +308,15 @@ def _distinct(offsets: Float64, cost: Float64, most: int, apart_m: float) -> lis
     return chosen
 
 
-def mean_z_angle_deg(
-    view: FlattenedView, axis: RotationAxis, angle_deg: float, smoothing_m: float
-) -> Float64:
+def mean_z_angle_deg(view: FlattenedView, axis: RotationAxis, angle_deg: float) -> Float64:
     """Return the Z-angle (H, W, deg) of the mean normal around each pixel; NaN off the cloth.
 
     Normals waver with the noise of depth: by 5 to 10 degrees with a D435's at 0.85 m, against less than 1
     without noise; the mean within 6 mm by 2 to 3.
     """
     normal = np.where(view.valid[..., None], view.normal, np.float32(0)).astype(np.float32)
-    if smoothing_m > 0.0:
-        normal = np.asarray(cv2.GaussianBlur(normal, (0, 0), smoothing_m / view.pixel_size_m), np.float32)
+    smoothing_px = _Z_ANGLE_SMOOTHING_M / view.pixel_size_m
+    normal = np.asarray(cv2.GaussianBlur(normal, (0, 0), smoothing_px), np.float32)
     angle: Float64 = np.where(view.valid, z_angle_deg(normal, axis, angle_deg), np.nan)
     return angle
 
@@ -420,3 +408,74 @@ def _compare(
             found.z_angle[p] = z_angle / n
             found.place[p] = place / n
     return found
+
+
+# --- the search, watched ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """The candidates of the search around the initial estimate, as the teaching pages show them.
+
+    ``cost`` (T, U, V) is that of the coarse search at ``turns_rad`` (T,) and ``shifts_m`` (U,), which
+    are used for v as well. ``starts`` (K, 3), rotation and shifts, are the candidates of the detailed
+    search; ``path`` (P, 3), with the placements ``motions``, leads from the initial estimate through the
+    best of them to the end, which scores ``end_score``. ``tried`` is the number of compared placements.
+    """
+
+    turns_rad: Float64
+    shifts_m: Float64
+    cost: Float64
+    starts: Float64
+    path: Float64
+    motions: tuple[Rigid2, ...]
+    tried: int
+    end_score: float
+
+
+class WatchedMatcher(Matcher):
+    """Searches exactly like its base class, and records the candidates."""
+
+    def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
+        """Search around the initial estimate, and forget the search before."""
+        self._batches: list[tuple[Float64, Float64]] = []
+        self._paths: list[tuple[float, list[Float64]]] = []
+        self._initial = initial
+        return super().search(initial, progress)
+
+    def _cost(self, motions: list[Rigid2], offsets: Float64, *rest: Any, **named: Any) -> Float64:
+        cost = super()._cost(motions, offsets, *rest, **named)
+        self._batches.append((offsets, cost))
+        return cost
+
+    def _refine(
+        self, initial: Rigid2, start: Float64, center: Float64, share: float
+    ) -> tuple[float, Float64]:
+        first = len(self._batches)
+        lowest, best = super()._refine(initial, start, center, share)
+        steps = [offsets[int(np.argmin(cost))] for offsets, cost in self._batches[first:]]
+        self._paths.append((lowest, [np.zeros(3), start, *steps, best]))
+        self._center = center
+        return lowest, best
+
+    def _polish(self, initial: Rigid2, start: Float64, center: Float64, share: float) -> Float64:
+        self._paths.append((-1.0, [start, super()._polish(initial, start, center, share)]))
+        return self._paths[-1][1][-1]
+
+    def seen(self) -> Search:
+        """Return the candidates of the last search."""
+        (offsets, cost), (*paths, (_, polished)) = self._batches[0], self._paths
+        turns, shifts = np.unique(offsets[:, 0]), np.unique(offsets[:, 1])
+        steps = min(paths, key=lambda item: item[0])[1] + polished
+        path = np.array(steps)[[True, *(bool((a != b).any()) for a, b in itertools.pairwise(steps))]]
+        motions = [self._initial @ Rigid2(*map(float, p)).about(self._center) for p in path]
+        return Search(
+            turns_rad=turns,
+            shifts_m=shifts,
+            cost=cost.reshape(turns.size, shifts.size, shifts.size),
+            starts=np.array([steps[1] for _, steps in paths]),
+            path=path,
+            motions=tuple(motions),
+            tried=sum(len(batch) for batch, _ in self._batches),
+            end_score=self.score(motions[-1]).total,
+        )

@@ -102,8 +102,7 @@ def _merged(
         for layer in canonical.layers
     )
     layers = (*layers, replace(new, current_from_new=plane_from_new))
-    sources = {n: parts(layer.view_index, layer.component) for n, layer in enumerate(layers)}
-    placements = {n: layer.current_from_new for n, layer in enumerate(layers)}
+    sources = [(parts(layer.view_index, layer.component), layer.current_from_new) for layer in layers]
     added, size = len(layers) - 1, view.pixel_size_m
     origin, shape = _union_grid(canonical.view, plane_from_current, view, plane_from_new)
     label = carry_labels(canonical.view, canonical.label, plane_from_current.inverse(), origin, shape, size)
@@ -113,13 +112,13 @@ def _merged(
     old_angle = np.full(shape, np.nan, dtype=np.float32)
     for k in np.unique(label[in_new & in_old]):
         at = in_new & in_old & (label == k)
-        old_angle[at] = sample_at(sources[int(k)], placements[int(k)], at, origin, size)[:, 9]
+        old_angle[at] = sample_at(*sources[int(k)], at, origin, size)[:, 9]
     both = in_new & in_old
     with np.errstate(invalid="ignore"):
         takes = both & ~(np.abs(old_angle) <= np.abs(new_angle))
     takes |= both & _edge_half(both, side)
     label = np.where((in_new & ~in_old) | takes, np.int16(added), label)
-    made = render(label, sources, placements, origin, size)
+    made = render(label, sources, origin, size)
     view_of_layer = np.array([*(layer.view_index for layer in layers), -1], dtype=np.int16)
     return Renewed(
         view=replace(made, view_index=view_of_layer[made.view_index]),

@@ -1,15 +1,21 @@
-"""The side to extend next and the rotation for it (paper, section 4.1)."""
+"""The side to extend next, the rotation for it, and the occluding edges that tell (paper, section 4.1)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from flatcloth.core.config import PlanningConfig
 from flatcloth.core.geometry import z_angle_deg
-from flatcloth.core.types import FlattenedView, Float64, Rigid2, RotationAxis
+from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, Rigid2, RotationAxis
+from flatcloth.flattening.ramps import RAMP_HALF_WIDTH_PX
+from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import ColumnCurves, Plan, SidePlan
+from flatcloth.methods.paper.matching import PLACE_SCALE_M
 from flatcloth.session.document import Side
 
 _OCCLUDING_EDGE_MIN_M = 0.03
@@ -106,7 +112,7 @@ def plan_side(
     curves : ColumnCurves
         Curves at the rotation of ``from_view``.
     occluding_edge_m : float
-        From :func:`flatcloth.methods.paper.occlusion.occluding_edge_length_m`, for ``from_view``.
+        From :func:`flatcloth.methods.paper.planning.occluding_edge_length_m`, for ``from_view``.
     from_view : int
         Outermost accepted view on this side.
     angles_deg : sequence of float
@@ -120,14 +126,25 @@ def plan_side(
         Limits.
     """
     u_b, a_0 = overlap_column(curves, side, config.overlap_area_m2)
-    sign = 1.0 if side is Side.LEFT else -1.0
     held = rotation_to_limit_deg(side, a_0, config)
+    turns = (1.0 if side is Side.LEFT else -1.0) * (np.asarray(angles_deg) - angles_deg[from_view]) % 360.0
+    slack = 0.5 * min(rotation_step_deg(angles_deg), config.rotation_min_deg)
+    allowed = [
+        (float(turn), n)
+        for n, turn in enumerate(turns)
+        if n not in unavailable
+        and config.rotation_min_deg - slack <= turn <= config.rotation_max_deg + slack
+        and turn + turned_deg < 360.0 - slack
+    ]
     view: int | None = None
     if occluding_edge_m < _OCCLUDING_EDGE_MIN_M:
         reason = f"no occluding edge remains on the {side}"
-    else:
-        view = _view_at(from_view, sign, held, angles_deg, unavailable, turned_deg, config)
-        reason = f"{side}: A = {held:.0f} deg" if view is not None else f"no view remains on the {side}"
+    elif not allowed:
+        reason = f"no view remains on the {side}"
+    else:  # the largest rotation up to A, otherwise the smallest that is allowed
+        up_to_a = [each for each in allowed if each[0] <= held + slack]
+        _, view = max(up_to_a) if up_to_a else min(allowed)
+        reason = f"{side}: A = {held:.0f} deg"
     return SidePlan(
         side=side,
         curves=curves,
@@ -148,31 +165,6 @@ def rotation_step_deg(angles_deg: Sequence[float]) -> float:
     return float(np.median(np.diff(np.append(ordered, ordered[0] + 360.0))))
 
 
-def _view_at(
-    from_view: int,
-    sign: float,
-    rotation_deg: float,
-    angles_deg: Sequence[float],
-    unavailable: frozenset[int],
-    turned_deg: float,
-    config: PlanningConfig,
-) -> int | None:
-    """Return the view with the largest rotation up to A, otherwise the smallest allowed rotation."""
-    slack = 0.5 * min(rotation_step_deg(angles_deg), config.rotation_min_deg)
-    turns = (sign * (np.asarray(angles_deg) - angles_deg[from_view])) % 360.0
-    allowed = [
-        (float(turn), n)
-        for n, turn in enumerate(turns)
-        if n not in unavailable
-        and config.rotation_min_deg - slack <= turn <= config.rotation_max_deg + slack
-        and turn + turned_deg < 360.0 - slack
-    ]
-    smaller = [t for t in allowed if t[0] <= rotation_deg + slack]
-    if smaller:
-        return max(smaller)[1]
-    return min(allowed)[1] if allowed else None
-
-
 def choose(sides: Sequence[SidePlan], last_side: Side | None) -> Plan:
     """Choose between the sides: continue on the side of the last view, otherwise at the longer edge."""
     open_sides = [s for s in sides if s.view_index is not None]
@@ -188,3 +180,58 @@ def choose(sides: Sequence[SidePlan], last_side: Side | None) -> Plan:
         reason=best.reason,
         sides=tuple(sides),
     )
+
+
+# --- occluding edges -------------------------------------------------------------------------------
+
+# The paper calls the leftmost or rightmost boundary an occluding edge if it divides one surface into a
+# visible and a hidden part, where the cloth continues out of sight, and judges it by the Z-angle of the
+# outermost column. Here every end of every image row counts, so that a flat stretch does not hide a steep
+# one; the Z-angle is the mean over half the width of a ramp. An end that is covered by a nearer layer counts
+# too, for the rotation that moves this layer away.
+
+
+_OCCLUDING_Z_ANGLE_DEG = 40.0
+"""An outline seen more steeply than this is an occluding edge. Set by hand."""
+
+
+def occluding_edge_length_m(surface: Surface, side: Side) -> float:
+    """Return the length along the image rows of the edges that the rotation for one side opens.
+
+    Parameters
+    ----------
+    surface : Surface
+        The surface of a view.
+    side : Side
+        The rotation for ``Side.LEFT`` is positive: it brings cloth beyond the left outline to the
+        front, and moves nearer layers to the right.
+    """
+    turned_away, covered = occluding_edges(surface, side)
+    pitch = surface.depth_m / surface.frame.intrinsics.fy
+    return float(pitch[turned_away].sum() + pitch[covered].sum())
+
+
+def occluding_edges(surface: Surface, side: Side) -> tuple[Bool, Bool]:
+    """Return the pixels (H, W) of these edges: where cloth turns away, and where nearer cloth covers it."""
+    part = surface.usable
+    other, outward = (Side.RIGHT, -1.0) if side is Side.LEFT else (Side.LEFT, 1.0)
+    shown = np.where(part, outward * surface.z_angle_deg, 0.0)
+    count = np.maximum(_next(part, other, 0).sum(axis=-1), 1)  # pixels of the strip inside an end
+    steep = _next(shown, other, 0).sum(axis=-1) / count >= _OCCLUDING_Z_ANGLE_DEG
+    turned_away = part & ~_next(part, side, 1).any(axis=-1) & steep
+    measured = np.where(surface.frame.depth_m > 0, surface.frame.depth_m, np.inf)
+    beyond = _next(measured, other, 1, np.inf).min(axis=-1)
+    with np.errstate(invalid="ignore"):
+        nearer = beyond < surface.depth_m - PLACE_SCALE_M
+    return turned_away, part & ~_next(part, other, 1).any(axis=-1) & nearer
+
+
+def _next(values: Floats | Bool, side: Side, first: int, beyond: float = 0.0) -> NDArray[Any]:
+    """Return the pixels (H, W, RAMP_HALF_WIDTH_PX) of each row next to each, from the ``first`` on.
+
+    ``beyond`` is the value beyond the image.
+    """
+    way = slice(None) if side is Side.RIGHT else slice(None, None, -1)
+    width, cols = RAMP_HALF_WIDTH_PX, values.shape[1]
+    padded = np.pad(values[:, way], ((0, 0), (0, width)), constant_values=beyond)
+    return sliding_window_view(padded, width, axis=1)[:, first : first + cols][:, way]

@@ -44,8 +44,7 @@ from flatcloth.methods.base import Focus, Method, Views
 from flatcloth.methods.paper.matching import SEARCH_POINTS
 from flatcloth.methods.robust.next_best_view import inner_area_m2, rate_candidates, seams_ahead
 from flatcloth.methods.robust.scoring import SampledComponent, cloth_pairs, refined, score_placement
-from flatcloth.methods.robust.seams.joining import Seamed, join_sides, other_of, seams_of
-from flatcloth.methods.robust.seams.laying import MOST_STD_M
+from flatcloth.methods.robust.seams.joining import MOST_STD_M, Seamed, join_sides, other_of, seams_of
 from flatcloth.methods.robust.shapes import MOST_KEPT, RegisteredViews, Shapes, shape_key
 from flatcloth.methods.starting import overlap_area_m2, start_by_view
 from flatcloth.registration.registered import Registered

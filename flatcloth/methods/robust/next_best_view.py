@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,11 +189,11 @@ def inner_area_m2(shape: Shape) -> float:
 
 def _rim(shape: Shape, area_m2: float) -> tuple[NDArray[np.intp], Float64, Float64]:
     """Return the outline's nodes, the expected normals and areas beyond; ``area_m2`` is that of a node."""
-    around = neighbourhoods_of(shape)
-    lopsided = np.linalg.norm(around.lean, axis=1) / np.maximum(around.views, 1)
-    rim = np.flatnonzero((lopsided > 0.35) & (around.views >= 3))
+    views, lean, inwards = sums_around(shape)
+    lopsided = np.linalg.norm(lean, axis=1) / np.maximum(views, 1)
+    rim = np.flatnonzero((lopsided > 0.35) & (views >= 3))
     # Outwards in space: opposite to the mean direction of the neighbours.
-    normal, inwards = shape.nodes.normal[rim], around.inwards[rim]
+    normal, inwards = shape.nodes.normal[rim], inwards[rim]
     outwards = -inwards / np.maximum(np.linalg.norm(inwards, axis=1), 1e-9)[:, None]
     beyond = math.sqrt(0.5) * (normal + outwards)  # turned away by half a right angle
     # An outline that is the same in several views is the border of the cloth.
@@ -272,23 +271,15 @@ def _looked(
     return visible, seen[0], seen[1], opened
 
 
-class Neighbourhoods(NamedTuple):
-    """Sums over the neighbours of each of N nodes, each as often as views saw the pair.
+def sums_around(shape: Shape) -> tuple[Float64, Float64, Float64]:
+    """Return sums over the neighbours of each of N nodes, each as often as views saw the pair.
 
-    ``views`` (N,) their number; ``lean`` (N, 2) the unit steps on the plane; ``inwards`` (N, 3) the steps in
-    space for a unit step on the plane.
+    Of the pairs of a shape that hold, and whose nodes have a place: their number (N,), the unit steps on the
+    plane (N, 2), and the steps in space (N, 3) for a unit step on the plane.
     """
-
-    views: Float64
-    lean: Float64
-    inwards: Float64
-
-
-def neighbourhoods_of(shape: Shape) -> Neighbourhoods:
-    """Return the sums over the pairs of a shape that hold, and whose nodes have a place."""
     views = np.where(shape.holds, shape.graph.views, 0)
     sums = _summed(shape.graph.pairs, views, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m)
-    return Neighbourhoods(sums[:, 0], sums[:, 1:3], sums[:, 3:6])
+    return sums[:, 0], sums[:, 1:3], sums[:, 3:6]
 
 
 @njit(cache=True, nogil=True)

@@ -14,7 +14,7 @@ from flatcloth.checking.findings import Check
 from flatcloth.core.cache import Cache
 from flatcloth.core.types import Bool, Floats, Uint8
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.result import pixel_states
+from flatcloth.engine.result import missing_pixels, states_of
 from flatcloth.engine.warmup import wait_until_compiled
 from flatcloth.flattening.surface import item_mask
 from flatcloth.grasping.visibility import Visibility, visibility_in
@@ -114,10 +114,9 @@ def source_routes(page: PageController) -> list[BaseRoute]:
         if document is None or kind not in ("png", "json"):
             return None
         key = "states", view, revision, axis_key()
-        found = kept.get(key, lambda: pixel_states(integration, document, view))
-        if kind == "json":
-            return state_legend(found.states, found.is_missing)
-        return layers.png(state_rgba(found.states, found.is_missing))
+        find = states_of, missing_pixels
+        found = kept.get(key, lambda: tuple(each(integration, document, view) for each in find))
+        return state_legend(*found) if kind == "json" else layers.png(state_rgba(*found))
 
     def seen(request: Request) -> Any:
         number = request.path_params["pick"]

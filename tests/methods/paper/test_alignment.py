@@ -9,9 +9,8 @@ from scipy import ndimage
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.methods.paper.alignment import correspond, from_lines
+from flatcloth.methods.paper.alignment import correspond, from_lines, from_places
 from flatcloth.methods.paper.matching import Matcher
-from flatcloth.methods.paper.places import from_places
 
 
 @pytest.mark.parametrize("turn_deg", [20.0, -20.0, 40.0, 50.0])

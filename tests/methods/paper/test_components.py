@@ -14,10 +14,9 @@ from flatcloth.core.types import Rigid2
 from flatcloth.methods.answers import Alignment, AlignmentScore
 from flatcloth.methods.base import Views
 from flatcloth.methods.paper.alignment import not_worse_than_start
-from flatcloth.methods.paper.departures import Aligned
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import without
-from flatcloth.methods.paper.method import PaperMethod
+from flatcloth.methods.paper.method import Aligned, PaperMethod
 from flatcloth.session.document import PlacedPart
 
 LEAST = 0.6

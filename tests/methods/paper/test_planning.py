@@ -6,10 +6,10 @@ from flatcloth.core.config import PlanningConfig, SurfaceConfig
 from flatcloth.core.types import RgbdFrame, Rigid2
 from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.answers import ColumnCurves
-from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.paper.planning import (
     choose,
     column_curves,
+    occluding_edge_length_m,
     overlap_column,
     plan_side,
     rotation_step_deg,

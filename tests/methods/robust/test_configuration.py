@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatcloth.methods.robust.seams.configuration import configured
+from flatcloth.methods.robust.seams.links import configured
 
 
 def odds(probability: float) -> float:

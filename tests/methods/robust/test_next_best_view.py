@@ -10,7 +10,7 @@ from made_up_sheets import shape_of_view
 from scenes import AXIS, Cylinder, placed_view
 
 from flatcloth.methods.answers import Candidate
-from flatcloth.methods.robust.next_best_view import neighbourhoods_of, rate_candidates, seams_ahead
+from flatcloth.methods.robust.next_best_view import rate_candidates, seams_ahead, sums_around
 from flatcloth.shape.shape import Shape
 
 ANGLES = tuple(float(a) for a in range(0, 360, 10))
@@ -152,7 +152,7 @@ def test_sums_are_over_pairs_of_placed_nodes_weighted_by_their_views() -> None:
     shape: Any = SimpleNamespace(
         graph=graph, holds=holds, has_place=has_place, all_uv_m=uv, nodes=SimpleNamespace(xyz_m=xyz)
     )
-    views, found = views * holds, neighbourhoods_of(shape)
+    views, (number, lean, inwards) = views * holds, sums_around(shape)
     for node in range(6):
         seen, other = [], []
         for (i, j), count in zip(pairs.tolist(), views.tolist(), strict=True):
@@ -161,6 +161,6 @@ def test_sums_are_over_pairs_of_placed_nodes_weighted_by_their_views() -> None:
                 other.append(j if i == node else i)
         to, step, weight = uv[other] - uv[node], xyz[other] - xyz[node], np.array(seen, dtype=float)
         share = weight / np.linalg.norm(to, axis=1)
-        assert found.views[node] == weight.sum()
-        np.testing.assert_allclose(found.lean[node], share @ to, atol=1e-12)
-        np.testing.assert_allclose(found.inwards[node], share @ step, atol=1e-12)
+        assert number[node] == weight.sum()
+        np.testing.assert_allclose(lean[node], share @ to, atol=1e-12)
+        np.testing.assert_allclose(inwards[node], share @ step, atol=1e-12)
