@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
-from flatcloth.core.geometry import wrapped_deg
+from flatcloth.core.geometry import camera_from_object, wrapped_deg
 from flatcloth.core.types import FlattenedView, Float64, Uint8
 from flatcloth.export.growth import Growth, Step
 from flatcloth.export.session import OpenedSession
@@ -78,8 +78,9 @@ def frames(session: OpenedSession) -> Iterator[tuple[Uint8, int]]:
     camera = camera_around(view.xyz_m[view.valid], integration.axis, _PANE, _HEIGHT - _FOOT)
 
     def painted(page: Uint8, scene: Scene, angle_deg: float) -> Uint8:
-        image = page.copy()
-        paint_points(image[: camera.height, : camera.width], camera, angle_deg, *scene, size_m=_POINT_M)
+        image, (points_m, rgb, behind_m) = page.copy(), scene
+        seen_m = camera_from_object(integration.axis, angle_deg).apply(points_m)
+        paint_points(image[: camera.height], camera, seen_m, rgb, behind_m, size_m=_POINT_M)
         return image
 
     turn_frames = max(1, min(_TURN_FRAMES, _MOST_TURNING // len(steps)))
