@@ -26,9 +26,6 @@ from flatcloth.grasping.grips import check_opening_m
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.session.journal import Pick
 
-_WRITERS = 2
-"""Files written at the same time. Chosen: two take nearly all of the time, the arrays and the grasp poses."""
-
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -252,7 +249,7 @@ class Shape:
             given = rigid_from_matrix(given, "the matrix")
         if given is not None:
             data = replace(data, base_from_camera=given)
-        return data.write(Path(folder), _WRITERS)
+        return data.write(Path(folder))
 
     def lines(self) -> list[str]:
         """Return a summary in a few lines of text: views, areas, uncertainty and garment."""

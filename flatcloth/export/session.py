@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
+from flatcloth.core.errors import ConfigError, JournalError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
 from flatcloth.engine.outcome import has_other_side
@@ -42,14 +42,13 @@ class OpenedSession:
     """A session for export; data are computed on first use.
 
     ``progress`` is called with the progress of the work; ``kept`` is shared with other exports of it;
-    ``numbers`` are those of :meth:`numbers_of`; the rest is as in :class:`.data.SessionData`.
+    the rest is as in :class:`.data.SessionData`.
     """
 
     history: SessionHistory
     integration: Integration
     progress: Progress = no_progress
     kept: Kept = field(default_factory=Kept)
-    numbers: dict[int, ViewNumbers] = field(default_factory=dict)
     rotation_deg: float | None = None
     base_from_camera: Rigid3 | None = None
 
@@ -112,15 +111,19 @@ class OpenedSession:
         """Return numbers of a view's own flattened view."""
         from flatcloth.methods.paper.planning import column_curves
 
-        if view_index not in self.numbers:
-            integration, flattening = self.integration, self.integration.views.flattening(view_index)
+        def made() -> ViewNumbers:
+            flattening = integration.views.flattening(view_index)
             angle_deg = integration.recording.angles_deg[view_index]
             limit_deg = integration.config.planning.z_angle_limit_deg
-            self.numbers[view_index] = ViewNumbers(
+            return ViewNumbers(
                 energies_m2=tuple(np.array(level.energy) for level in flattening.levels),
                 curves=column_curves(flattening.view, integration.axis, angle_deg, limit_deg),
             )
-        return self.numbers[view_index]
+
+        integration = self.integration
+        key = "numbers", key_of(integration.axis, self.history.begun), view_index
+        numbers: ViewNumbers = self.kept.values.get(key, made)
+        return numbers
 
     @cached_property
     def data(self) -> SessionData:
@@ -194,32 +197,3 @@ def open_session(
     except ConfigError as error:
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     return OpenedSession(history, integration, progress)
-
-
-def of_page(
-    integration: Integration, folder: object, progress: Progress = no_progress, kept: Kept | None = None
-) -> OpenedSession:
-    """Return the session of an open page for export.
-
-    Parameters
-    ----------
-    integration : Integration
-        The page's integration; safe to use from several threads.
-    folder : object
-        The page's session folder.
-    progress : callable
-        Called with the progress of the work; may raise ``CancelledError``.
-    kept : Kept, optional
-        What earlier exports of the page computed.
-
-    Raises
-    ------
-    FlatclothError
-        If the session is not saved on disk.
-    JournalError
-        If the folder cannot be read.
-    """
-    path = getattr(folder, "folder", None)
-    if path is None:
-        raise FlatclothError("This session is not saved on disk, so it cannot be exported; use --session.")
-    return OpenedSession(read_history(path), integration, progress, kept or Kept())

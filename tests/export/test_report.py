@@ -18,7 +18,7 @@ from flatcloth.core.geometry import camera_from_object, project
 from flatcloth.core.types import Intrinsics, Rigid2
 from flatcloth.export.animation import frames, mp4_of
 from flatcloth.export.by_name import made
-from flatcloth.export.history import BELOW, BY_HAND, LOW, OVERRIDDEN, Flags, overridden
+from flatcloth.export.history import BELOW, BY_HAND, LOW, OVERRIDDEN, flags_of, overridden
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.pictures import camera_around, paint_points
@@ -181,7 +181,7 @@ def test_an_mp4_has_every_frame(
 def test_a_view_is_flagged_by_its_score_and_its_hand(
     score: float | None, fixed: bool, flags: tuple[str, ...]
 ) -> None:
-    assert Flags(0.5).of(Accepted(3, Rigid2(), fixed=fixed, score=score)) == flags
+    assert flags_of(Accepted(3, Rigid2(), fixed=fixed, score=score), 0.5, frozenset()) == flags
 
 
 def test_an_accepted_place_below_the_limit_stays_flagged_and_the_report_says_so(
@@ -195,7 +195,7 @@ def test_an_accepted_place_below_the_limit_stays_flagged_and_the_report_says_so(
     assert overridden(history, limit) == {standing.view_index}
     assert overridden(session.history, limit) == frozenset()
     risen = Accepted(standing.view_index, Rigid2(), score=0.99)
-    assert Flags(limit, overridden(history, limit)).of(risen) == (OVERRIDDEN,)
+    assert flags_of(risen, limit, overridden(history, limit)) == (OVERRIDDEN,)
     told = report(replace(session, history=history))
     assert f"\u2691 View {standing.view_index}" in told
     assert "accepted against the check of the score" in told
