@@ -83,28 +83,27 @@ def frames(session: OpenedSession) -> Iterator[tuple[Uint8, int]]:
         paint_points(image[: camera.height], camera, seen_m, rgb, behind_m, size_m=_POINT_M)
         return image
 
+    def drawn(step: Step, order: int, *, tinted: bool = False) -> tuple[Uint8, Scene]:
+        shape = _shape(growth, order, tinted=tinted)
+        return _page(cropped(shape, view), growth, step, order), _scene(session, steps[order], shape)
+
     turn_frames = max(1, min(_TURN_FRAMES, _MOST_TURNING // len(steps)))
     for before, step in zip((None, *steps), steps, strict=False):
         session.progress(step.order / len(steps), f"painting step {step.order + 1} of {len(steps)}")
         if before is not None:
-            shape = _shape(growth, before.order)
-            page = _page(cropped(shape, view), growth, step, before.order)
-            scene = _scene(session, before, shape)
+            page, scene = drawn(step, before.order)
             turn_deg = wrapped_deg(step.angle_deg - before.angle_deg)
             for n in range(1, turn_frames + 1):
                 share = n / (turn_frames + 1)
                 eased = share * share * (3 - 2 * share)
                 yield painted(page, scene, before.angle_deg + eased * turn_deg), 1
-        shape = _shape(growth, step.order, tinted=True)
-        page = _page(cropped(shape, view), growth, step, step.order)
-        yield painted(page, _scene(session, step, shape), step.angle_deg), _HELD
-    shape = _shape(growth, step.order)
-    scene = _scene(session, step, shape)
-    yield painted(_page(cropped(shape, view), growth, step, step.order), scene, step.angle_deg), _LAST
+        yield painted(*drawn(step, step.order, tinted=True), step.angle_deg), _HELD
+    yield painted(*drawn(step, step.order), step.angle_deg), _LAST
     if other is not None:
         said = "Both sides, each from its own outside"
         page = _page(side_by_side(view, other)[0], growth, step, step.order, said)
-        yield painted(page, _scene(session, step, shape, other), step.angle_deg), _LAST
+        scene = _scene(session, step, _shape(growth, step.order), other)
+        yield painted(page, scene, step.angle_deg), _LAST
 
 
 def _shape(growth: Growth, order: int, *, tinted: bool = False) -> Uint8:

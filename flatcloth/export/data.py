@@ -387,7 +387,7 @@ class SessionData:
             _ = self.garment  # recognised first: the deviations of the shape depend on it
         canonical = self.integration.canonical(self.document)
         pieces = decided_pieces(self.document.garment, canonical.view, canonical.floating)
-        laid = self.sides.laid if isinstance(self.sides, JoinedSides) else ()
+        laid = () if self.joined is None else self.joined.laid
         return with_placed_pieces(canonical, pieces.with_laid(laid))
 
     @cached_property
@@ -396,6 +396,11 @@ class SessionData:
         if self.both is not None and not self.is_growing:
             _ = self.garment  # recognised first: their deviations depend on it
         return None if self.both is None else self.both(self.document)
+
+    @property
+    def joined(self) -> JoinedSides | None:
+        """The other side; None if there is none, or it was not asked for."""
+        return self.sides if isinstance(self.sides, JoinedSides) else None
 
     @cached_property
     def garment(self) -> KnownGarment | str:
@@ -417,10 +422,10 @@ class SessionData:
 
     def files(self) -> Files:
         """Return all files, each with the function that makes it; the report comes last."""
-        shape, sides, garment = self.canonical, self.sides, self.garment
+        shape, sides, garment = self.canonical, self.joined, self.garment
         files = side_files("this", shape.view, shape.floating)
         other: tuple[FlattenedView, ...] = ()
-        if isinstance(sides, JoinedSides):
+        if sides is not None:
             view, floating = sides.other.view, sides.other.floating
             other = (view, *floating)
             files |= side_files("other", view, floating, shape.view if sides.is_related else None)

@@ -18,7 +18,7 @@ from flatcloth.export.data import SessionData
 from flatcloth.export.growth import Growth, Kept, colors_of, grow, key_of
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.grasping.grasps import LOST_AT_M, GraspPose, grasp_pose, pixel_of_point
-from flatcloth.methods.answers import ColumnCurves, JoinedSides
+from flatcloth.methods.answers import ColumnCurves
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.session.document import Document
@@ -68,8 +68,8 @@ class OpenedSession:
         """Return the cloth of a side, floating pieces included; None if it is not known."""
         if side == "this":
             return self.growth.view
-        sides = self.data.sides
-        return lay_out(sides.other).view if isinstance(sides, JoinedSides) else None
+        sides = self.data.joined
+        return None if sides is None else lay_out(sides.other).view
 
     def pose_of(self, pick: Pick) -> GraspPose | None:
         """Return the grasp pose of a pick or named point; None if its side or its normal is not known."""

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from flatcloth.core.geometry import camera_from_object, project, window_of
-from flatcloth.core.types import Bool, FlattenedView, Floats, Intrinsics, RotationAxis, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, Intrinsics, RotationAxis, Uint8
 
 OUTLINE_RGB, NEW_RGB = (230, 126, 0), (255, 140, 0)
 """Colors of the outline and of new pixels. Chosen."""
@@ -175,7 +175,7 @@ def camera_around(xyz_m: Floats, axis: RotationAxis, width: int, height: int) ->
 
 
 def paint_points(
-    image: Uint8, camera: Intrinsics, xyz_m: Floats, rgb: Uint8, behind_m: Floats, *, size_m: float
+    image: Uint8, camera: Intrinsics, xyz_m: Float64, rgb: Uint8, behind_m: Floats, *, size_m: float
 ) -> None:
     """Draw points (N, 3), camera frame, into an image (H, W, 3): squares of one size, the nearest on top.
 
