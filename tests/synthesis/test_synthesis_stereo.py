@@ -50,20 +50,7 @@ def test_what_only_one_imager_sees_and_what_has_no_texture_is_lost() -> None:
 def test_a_stereo_recording_is_that_of_the_mesh_with_the_errors_of_matching(tmp_path: Path) -> None:
     vertices, triangles, flat = arc(160.0)
     mesh = write_obj(tmp_path / "sheet.obj", vertices, triangles, flat)
-    usual = [
-        str(mesh),
-        "--step",
-        "90",
-        "--held",
-        str(RADIUS_M),
-        "0",
-        "0",
-        "--size",
-        "240",
-        "320",
-        "--focal",
-        "425",
-    ]
+    usual = f"{mesh} --step 90 --held {RADIUS_M} 0 0 --size 240 320 --focal 425".split()
     for name, more in (
         ("clean", []),
         ("stereo", ["--sensor", "stereo"]),
