@@ -148,18 +148,9 @@ def open_session(
     *,
     options: SourceOptions | None = None,
 ) -> OpenedSession:
-    """Open a session folder for export, without locking or changing it.
+    """Open a session folder for export, without locking or changing it; see :func:`flatcloth.open_session`.
 
-    Parameters
-    ----------
-    folder : Path
-        The session folder.
-    recording : Path, optional
-        Present location of its recording; by default that of the session.
-    progress : callable
-        Called with the progress of the work.
-    options : SourceOptions, optional
-        Options to open the recording with; by default those that the session was started with.
+    ``options`` are those to open the recording with; by default those that the session was started with.
 
     Raises
     ------
