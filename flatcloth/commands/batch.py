@@ -151,6 +151,7 @@ class _Teller(ProgressBar):
         self._started_s = time.monotonic()
         if before:
             say(f"{before} of {total} are done already.")
+        self.show(before / max(1, total), f"{before} of {total}")
 
     @property
     def done(self) -> int:
