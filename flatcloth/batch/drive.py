@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +45,7 @@ def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
 
 def run_batch(
     waiting: Sequence[Task], out: Path, start: Callable[[], Engine], limits: Limits, *, again: bool = False
-) -> Iterator[Row]:
+) -> Generator[Row, None, None]:
     """Run tasks, and yield the row of each when it is kept; the table is written each minute and at the end.
 
     Parameters
