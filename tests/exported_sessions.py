@@ -13,8 +13,9 @@ import numpy as np
 from scenes import AXIS, CAMERA, Cylinder
 
 from flatcloth.engine.integration import Integration
+from flatcloth.export.garment import pick_at
 from flatcloth.export.session import OpenedSession, open_session
-from flatcloth.grasping.grasps import Grip, grasp_at
+from flatcloth.grasping.grasps import Grip, nearest_cloth
 from flatcloth.grasping.grips import GripStore
 from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.base import fingerprint
@@ -103,10 +104,11 @@ def _integrated_by_hand(folder: Path, opened: Recording) -> None:
         edge = np.array([rows.mean(), cols[np.abs(rows - rows.mean()) < 1].max()])
         for name, rc in zip(PICKS, (middle, edge, middle), strict=True):
             uv = view.uv_from_rc(rc)
-            grasp = grasp_at(view, (float(uv[0]), float(uv[1])))
-            away = 0.05 * grasp.normal_held if name == "gone" else 0.0
+            pixel, _ = nearest_cloth(view, (float(uv[0]), float(uv[1])))
+            pick = pick_at(view, pixel, 0, name)
+            away = 0.05 * pick.normal_held if name == "gone" else 0.0
             session.add_pick(
-                name, grasp.position_held_m + away, grasp.normal_held, grasp.view_index, grasp.source_rc
+                name, pick.position_held_m + away, pick.normal_held, pick.view_index, pick.source_rc
             )
         GripStore(folder).set(1, Grip(opening_m=0.06))
     finally:

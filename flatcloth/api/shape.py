@@ -23,11 +23,8 @@ from flatcloth.export.garment import named_points
 from flatcloth.garments.recognition import Recognition
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel
 from flatcloth.grasping.grips import check_opening_m
-from flatcloth.methods.answers import JoinedSides, Seam
+from flatcloth.methods.answers import Seam
 from flatcloth.session.journal import Pick
-
-_WRITERS = 2
-"""Files written at the same time. Chosen: two take nearly all of the time, the arrays and the grasp poses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,17 +92,17 @@ class Shape:
     @property
     def other(self) -> FlattenedView | None:
         """The other side, as seen from its own outside; None unless both sides were integrated."""
-        return None if self._sides is None else self._sides.other.view
+        return None if self.data.joined is None else self.data.joined.other.view
 
     @property
     def other_pieces(self) -> tuple[FlattenedView, ...]:
         """Floating pieces of the other side."""
-        return () if self._sides is None else self._sides.other.floating
+        return () if self.data.joined is None else self.data.joined.other.floating
 
     @property
     def seams(self) -> tuple[Seam, ...]:
         """Where the rims of both sides meet, and whether that joins their pieces."""
-        return () if self._sides is None else self._sides.seams
+        return () if self.data.joined is None else self.data.joined.seams
 
     @property
     def this_from_other(self) -> Float64 | None:
@@ -113,13 +110,9 @@ class Shape:
 
         None if no seam relates both sides.
         """
-        if self._sides is None or not self._sides.is_related:
+        if self.data.joined is None or not self.data.joined.is_related:
             return None
-        return this_from_other(self._sides.other.view, self.view)
-
-    @property
-    def _sides(self) -> JoinedSides | None:
-        return self.data.sides if isinstance(self.data.sides, JoinedSides) else None
+        return this_from_other(self.data.joined.other.view, self.view)
 
     @property
     def views(self) -> tuple[int, ...]:
@@ -252,7 +245,7 @@ class Shape:
             given = rigid_from_matrix(given, "the matrix")
         if given is not None:
             data = replace(data, base_from_camera=given)
-        return data.write(Path(folder), _WRITERS)
+        return data.write(Path(folder))
 
     def lines(self) -> list[str]:
         """Return a summary in a few lines of text: views, areas, uncertainty and garment."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,33 +31,6 @@ _TABLE_EVERY_S = 60.0
 _LOCK = ".batch.lock"
 
 
-@dataclass
-class Count:
-    """Progress of a batch: number of tasks, of those done before, and the new rows with their times."""
-
-    total: int
-    before: int
-    rows: list[Row] = field(default_factory=list)
-    started: float = field(default_factory=time.monotonic)
-
-    @property
-    def done(self) -> int:
-        """Number of tasks that are done."""
-        return self.before + len(self.rows)
-
-    @property
-    def left_s(self) -> float | None:
-        """Estimate of the time left, from the pace so far; None before the first is done."""
-        if not self.rows:
-            return None
-        pace = (time.monotonic() - self.started) / len(self.rows)
-        return pace * (self.total - self.done)
-
-
-Tell = Callable[[Count, Row | None], None]
-"""Called with the progress and each new row; at the beginning with None as the row."""
-
-
 def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
     """Return the tasks that are not done: no row, a failure, changed content or settings."""
     if again:
@@ -72,55 +44,39 @@ def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
 
 
 def run_batch(
-    tasks: Sequence[Task],
-    out: Path,
-    start: Callable[[], Engine],
-    limits: Limits,
-    tell: Tell,
-    *,
-    again: bool = False,
-) -> Count:
-    """Run the tasks that are not done, and write the table.
+    waiting: Sequence[Task], out: Path, start: Callable[[], Engine], limits: Limits, *, again: bool = False
+) -> Generator[Row, None, None]:
+    """Run tasks, and yield the row of each when it is kept; the table is written each minute and at the end.
 
     Parameters
     ----------
-    tasks : sequence of Task
-        All tasks of the batch, also those that are done.
+    waiting : sequence of Task
+        Those that are not done (:func:`pending`).
     out : Path
         Folder for the table and the folders of the tasks.
     start : callable
         Returns the engine that runs them; called only if a task is to be run.
     limits : Limits
         Of each task.
-    tell : callable
-        Called with the progress.
     again : bool
-        Run also the tasks that are done.
+        Run also what a worker finds to be done.
 
     Raises
     ------
     FlatclothError
-        If the output cannot be written, or another batch uses it.
-    KeyboardInterrupt
-        If the user stops it; the table then has the tasks done so far.
+        If the output cannot be written.
     """
-    waiting = pending(tasks, out, again=again)
-    count = Count(total=len(tasks), before=len(tasks) - len(waiting))
-    tell(count, None)
     questions = [{"task": task.to_dict(), "out": str(out.resolve()), "again": again} for task in waiting]
     next_table_s = time.monotonic() + _TABLE_EVERY_S
     try:
         with start() if questions else contextlib.nullcontext() as engine:
             for number, answer in engine.run(questions, limits) if engine else ():
-                row = _row_of(waiting[number], answer, out)
-                count.rows.append(row)
-                tell(count, row)
+                yield _row_of(waiting[number], answer, out)
                 if time.monotonic() > next_table_s:
                     write_results(out)
                     next_table_s = time.monotonic() + _TABLE_EVERY_S
     finally:
         write_results(out)
-    return count
 
 
 def _row_of(task: Task, answer: Answer, out: Path) -> Row:

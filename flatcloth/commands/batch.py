@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import time
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +15,6 @@ from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.recordings.options import option
 
 if TYPE_CHECKING:
-    from flatcloth.batch.drive import Count
     from flatcloth.batch.engines import Engine
 
 SUMMARY = "integrate many recordings, with a table and a page to review the results"
@@ -67,7 +68,7 @@ def run(options: Options) -> None:
         return
     if options.out is None:
         raise FlatclothError("--out names no folder; give one for the results.")
-    from flatcloth.batch.drive import owned, run_batch
+    from flatcloth.batch.drive import owned, pending, run_batch
     from flatcloth.batch.engines import Limits, engine_of
     from flatcloth.batch.report import write_report
     from flatcloth.batch.rows import CSV
@@ -77,26 +78,29 @@ def run(options: Options) -> None:
     limits = Limits(memory_bytes=int(options.memory * 1e9), seconds=options.time_limit)
     with owned(out):
         tasks = tasks_of(options.sources, options.method, options.source_options(), out)
+        waiting = pending(tasks, out, again=options.again)
 
         def start() -> Engine:
             engine = engine_of(options.jobs, options.scheduler, str(out.resolve()), tls=not options.no_tls)
             say(f"{len(tasks)} recordings; {engine.about}")
             return engine
 
-        with _Teller() as teller:
+        with _Teller(len(tasks), len(tasks) - len(waiting)) as teller:
             try:
-                count = run_batch(tasks, out, start, limits, teller.tell, again=options.again)
+                with contextlib.closing(run_batch(waiting, out, start, limits, again=options.again)) as rows:
+                    for row in rows:
+                        teller.tell(row)
             except KeyboardInterrupt:
-                teller.stopped()
+                done = f"Stopped: {teller.done} of {teller.total} are done and kept."
+                teller.line(f"{done} The same command goes on from there.")
                 raise SystemExit(130) from None
         page = write_report(out)
     table = out / CSV
-    document = {"table": str(table), "page": str(page), "rows": count.rows}
-    report(options, document, [_summary(count), f"Table: {table}. Page: {page}"])
-    failed = sum(row["outcome"] != "done" for row in count.rows)
-    if failed:
+    document = {"table": str(table), "page": str(page), "rows": teller.rows}
+    report(options, document, [teller.summary, f"Table: {table}. Page: {page}"])
+    if teller.failed:
         raise FlatclothError(
-            f"{out}: {failed} of {count.total} are not done; the table has the reasons. "
+            f"{out}: {teller.failed} of {teller.total} are not done; the table has the reasons. "
             "The same command tries them again."
         )
 
@@ -134,48 +138,56 @@ def _look(options: Options) -> None:
     serve_review(out, options.port, ready, functools.partial(view.opened_place, view.Options()))
 
 
-def _summary(count: Count) -> str:
-    from flatcloth.batch.rows import counted
-
-    outcomes = (
-        ", ".join(f"{n} {outcome}" for outcome, n in counted(count.rows).items() if n) or "nothing to do"
-    )
-    before = f"; {count.before} were done before" if count.before else ""
-    return f"{outcomes}{before}."
-
-
 class _Teller(ProgressBar):
-    """Reports the progress of a batch: a bar on a terminal, lines in a log; failures are lines in both."""
+    """Reports the progress of a batch: a bar on a terminal, lines in a log; failures are lines in both.
 
-    def __init__(self) -> None:
+    ``total`` is the number of tasks, ``before`` that of those done before; ``rows`` are those of the others.
+    """
+
+    def __init__(self, total: int, before: int) -> None:
         super().__init__("batch")
-        self._count: Count | None = None
+        self.total, self.before = total, before
+        self.rows: list[dict[str, Any]] = []
+        self._started_s = time.monotonic()
+        if before:
+            say(f"{before} of {total} are done already.")
+        self.show(before / max(1, total), f"{before} of {total}")
 
-    def tell(self, count: Count, row: dict[str, Any] | None) -> None:
-        """Report a new row."""
-        self._count = count
-        left = "" if count.left_s is None else f", {_time(count.left_s)} left"
-        if row is None:
-            if count.before:
-                say(f"{count.before} of {count.total} are done already.")
-        elif row["outcome"] != "done":
+    @property
+    def done(self) -> int:
+        """Number of tasks that are done, or have failed."""
+        return self.before + len(self.rows)
+
+    @property
+    def failed(self) -> int:
+        """Number of tasks that have failed."""
+        return sum(row["outcome"] != "done" for row in self.rows)
+
+    def tell(self, row: dict[str, Any]) -> None:
+        """Report a new row, and the time left by the pace so far."""
+        self.rows.append(row)
+        pace_s = (time.monotonic() - self._started_s) / len(self.rows)
+        left = f", {_time(pace_s * (self.total - self.done))} left"
+        if row["outcome"] != "done":
             self.line(f"{row['name']}: {row['outcome']}: {row.get('reason')}")
         elif not self.is_shown:
             reliable = row.get("reliable_share")
             known = "" if reliable is None else f", {reliable:.0%} reliable"
             say(
-                f"[{count.done}/{count.total}] {row['name']}: {row['area_cm2']:.0f} cm2{known}, "
+                f"[{self.done}/{self.total}] {row['name']}: {row['area_cm2']:.0f} cm2{known}, "
                 f"{row['seconds']:.1f} s{left}"
             )
-        failed = sum(r["outcome"] != "done" for r in count.rows)
-        text = f"{count.done} of {count.total}" + (f", {failed} failed" if failed else "") + left
-        self.show(count.done / max(1, count.total), text)
+        failed = f", {self.failed} failed" if self.failed else ""
+        self.show(self.done / self.total, f"{self.done} of {self.total}{failed}{left}")
 
-    def stopped(self) -> None:
-        """Report that the user has stopped the batch."""
-        done = 0 if self._count is None else self._count.done
-        total = 0 if self._count is None else self._count.total
-        self.line(f"Stopped: {done} of {total} are done and kept. The same command goes on from there.")
+    @property
+    def summary(self) -> str:
+        """How the tasks ended, in a sentence."""
+        from flatcloth.batch.rows import counted
+
+        ended = ", ".join(f"{n} {outcome}" for outcome, n in counted(self.rows).items() if n)
+        before = f"; {self.before} were done before" if self.before else ""
+        return f"{ended or 'nothing to do'}{before}."
 
 
 def _time(seconds: float) -> str:

@@ -17,13 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from flatcloth.methods.registry import method_names
-from flatcloth.recordings.options import option
+from flatcloth.recordings.options import Mends, SourceOptions, option
 
 if TYPE_CHECKING:
     from flatcloth.active.goal import Budget, Goal
     from flatcloth.core.geometry import Rigid3
     from flatcloth.core.strokes import Decision
-    from flatcloth.recordings import SourceOptions
     from flatcloth.synthesis.recording import Cell
 
 T = TypeVar("T")
@@ -51,7 +50,7 @@ def _options(kind: type[Any]) -> Iterator[tuple[dataclasses.Field[Any], Any, Any
     hints = get_type_hints(kind)
     for field in dataclasses.fields(kind):
         if parts := field.metadata.get("parts"):
-            yield from ((own, hint, None) for part in parts() for own, hint, _ in _options(part))
+            yield from ((own, hint, None) for part in parts for own, hint, _ in _options(part))
         elif field.metadata:
             yield field, hints[field.name], field.default
 
@@ -93,7 +92,7 @@ def options_of(kind: type[T], parsed: argparse.Namespace) -> T:
     given: dict[str, Any] = {}
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         if parts := field.metadata.get("parts"):
-            own = {one.name: getattr(parsed, one.name) for part in parts() for one, _, _ in _options(part)}
+            own = {one.name: getattr(parsed, one.name) for part in parts for one, _, _ in _options(part)}
             given[field.name] = {n: v for n, v in own.items() if v is not None and v is not False}
         else:
             value = getattr(parsed, field.name)
@@ -155,22 +154,14 @@ class Sides:
     )
 
 
-def _of_sources() -> tuple[type[Any], ...]:
-    from flatcloth.recordings.options import Mends, SourceOptions
-
-    return Mends, SourceOptions
-
-
 @dataclass(kw_only=True)
 class SourceInformation:
     """What the user knows of a source, and what is read otherwise than recorded."""
 
-    given: dict[str, Any] | None = option("", parts=_of_sources)
+    given: dict[str, Any] | None = option("", parts=(Mends, SourceOptions))
 
     def source_options(self) -> SourceOptions:
         """Return the options of the source; ``RecordingError`` names one that is invalid."""
-        from flatcloth.recordings import SourceOptions
-
         return SourceOptions.from_dict(self.given or {}, "the command line")
 
 
@@ -232,17 +223,14 @@ class Aim:
     goal: str | None = option(
         "shape, kind, or points:NAME,NAME, such as points:shoulder_left (default: shape)", "GOAL", group=_LOOP
     )
-    within: float | None = option(
-        "standard deviation to which the points are to be known (default: 20)", "MM", group=_LOOP
-    )
+    within: float = option("standard deviation to which the points are to be known", "MM", 20.0, group=_LOOP)
     budget: str = option("most views, or seconds as 90s", "N", "12", group=_LOOP)
 
     def aim(self) -> tuple[Goal, Budget]:
         """Return the goal and the budget."""
-        from flatcloth.active.goal import WITHIN_MM, parse_budget, parse_goal
+        from flatcloth.active.goal import parse_budget, parse_goal
 
-        within_mm = WITHIN_MM if self.within is None else self.within
-        return parse_goal(self.goal or "shape", within_mm), parse_budget(self.budget)
+        return parse_goal(self.goal or "shape", self.within), parse_budget(self.budget)
 
 
 _CELL = "simulated cell"
@@ -255,13 +243,13 @@ class SimulatedCell:
     cell: str | None = option(
         "turn a mesh before a simulated camera (default: the bundled T-shirt)", "MESH", const="", group=_CELL
     )
-    sensor: Literal["none", "d435", "stereo"] | None = option(
-        "noise of the simulated camera (default: d435)", group=_CELL
+    sensor: Literal["none", "d435", "stereo"] = option(
+        "noise of the simulated camera", default="d435", group=_CELL
     )
-    sway: float | None = option("standard deviation of the sway of the lowest point", "MM", group=_CELL)
+    sway: float = option("standard deviation of the sway of the lowest point", "MM", 0.0, group=_CELL)
     panel: str | None = option("side of interest: front, back, 1 or 2 (default: seen most)", group=_CELL)
-    start: float | None = option("how the item is turned at 0 degrees", "DEG", group=_CELL, read=ANGLE)
-    seed: int | None = option("seed of the noise and the sway (default: 0)", group=_CELL)
+    start: float = option("how the item is turned at 0 degrees", "DEG", 0.0, group=_CELL, read=ANGLE)
+    seed: int = option("seed of the noise and the sway", default=0, group=_CELL)
     no_masks: bool = option("find the side of interest from the views, as of a camera", group=_CELL)
 
     def simulated(self, out: Path | None) -> Cell:
@@ -274,12 +262,12 @@ class SimulatedCell:
             mesh=Path(self.cell) if self.cell else sample_mesh(),
             out=out or Path(),
             panel=self.panel or "1",
-            noise=self.sensor or "d435",
-            sway_mm=self.sway or 0.0,
-            seed=self.seed or 0,
+            noise=self.sensor,
+            sway_mm=self.sway,
+            seed=self.seed,
             texture="floral",
         )
-        return Cell(request, start_deg=self.start or 0.0, most_seen=self.panel is None)
+        return Cell(request, start_deg=self.start, most_seen=self.panel is None)
 
 
 @dataclass(kw_only=True)

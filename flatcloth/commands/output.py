@@ -75,11 +75,6 @@ def _one_line(text: str) -> str:
     return "".join(c if c.isprintable() or c in "\u00a0\u3000" else ascii(c)[1:-1] for c in text)
 
 
-def speaks() -> bool:
-    """Say whether words are wanted on stdout."""
-    return any(handler.level <= logging.INFO for handler in _said.handlers)
-
-
 @contextlib.contextmanager
 def speaking(options: Output) -> Iterator[None]:
     """Print the output of commands, as the options want it; ``FlatclothError`` if the log is not writable."""
@@ -147,8 +142,10 @@ class _Printer(logging.Handler):
         self._on_stderr = on_stderr
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print one line."""
-        print(_one_line(record.getMessage()), file=sys.stderr if self._on_stderr else sys.stdout, flush=True)
+        """Print one line, above a bar if there is one."""
+        stream, tqdm = sys.stderr if self._on_stderr else sys.stdout, sys.modules.get("tqdm")
+        with tqdm.tqdm.external_write_mode(stream) if tqdm else contextlib.nullcontext():
+            print(_one_line(record.getMessage()), file=stream, flush=True)
 
 
 @contextlib.contextmanager
@@ -189,6 +186,10 @@ class ProgressBar:
         """Print a line on stderr, above the bar if there is one."""
         self._bar.write(text, file=sys.stderr)
         _failed.warning("%s", text)
+
+    def clear(self) -> None:
+        """Leave its line empty until it is drawn again."""
+        self._bar.clear()
 
     def show(self, share: float, text: str) -> None:
         """Draw the bar: ``share`` 0 to 1 and the current step."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from flatcloth.commands.options import Capture as CaptureOptions
 from flatcloth.commands.options import Output
-from flatcloth.commands.output import report, say, speaks
+from flatcloth.commands.output import ProgressBar, report, say
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.recordings.options import option
 
@@ -66,9 +66,9 @@ def run(options: Options) -> None:
             capture.FRAMES if options.frames is None else options.frames,
         )
         try:
-            lead(camera, guided, typed if not options.yes else lambda: None, keeps_itself=options.yes)
+            lead(camera, guided, None if options.yes else typed)
         except KeyboardInterrupt:
-            _leave_status_line()
+            pass  # what was kept is a recording
         finally:
             guided.close()
             count = len(guided.writer)
@@ -78,19 +78,11 @@ def run(options: Options) -> None:
             report(options, document, [line])
 
 
-def lead(
-    camera: Camera, guided: GuidedCapture, answer: Callable[[], str | None], *, keeps_itself: bool
-) -> None:
+def lead(camera: Camera, guided: GuidedCapture, answer: Callable[[], str | None] | None) -> None:
     """Read the camera until the capture is done.
 
-    Parameters
-    ----------
-    camera, guided
-        Source of the frames, and the capture that processes them.
-    answer : callable
-        Returns the operator's input since the last frame, None if there is none.
-    keeps_itself : bool
-        Keep every view without asking.
+    ``answer`` returns the operator's input since the last frame, None if there is none; without it every
+    view is kept.
     """
     from flatcloth.cameras import CameraEndedError
     from flatcloth.cameras.capture import Phase
@@ -102,28 +94,31 @@ def lead(
     reported: tuple[Phase, int] | None = None
     warnings: Sequence[str] = ()
     next_look_s = 0.0
-    while guided.state.phase is not Phase.DONE:
-        try:
-            frame = camera.read()
-        except CameraEndedError as end:
-            _tell(str(end))
-            return
-        state = guided.see(frame)
-        place = (state.phase, len(state.kept_deg))
-        if place != reported:
-            _print_step(guided, reported, asking=not keeps_itself)
-            reported = place
-        _show_stillness(state)
-        if frame.time_s >= next_look_s and not state.taken:
-            next_look_s, before = frame.time_s + _LOOK_EVERY_S, warnings
-            warnings = check_frame(frame.rgbd(camera)).warnings
-            if _kinds(warnings) != _kinds(before):
-                for text in warnings:
-                    _tell(f"Warning: {text}")
-        if state.phase is Phase.REVIEW and keeps_itself:
-            guided.keep()
-        else:
-            _obey(guided, answer())
+    with ProgressBar(camera.name) as bar:
+        while guided.state.phase is not Phase.DONE:
+            try:
+                frame = camera.read()
+            except CameraEndedError as end:
+                say(str(end))
+                return
+            state = guided.see(frame)
+            place = (state.phase, len(state.kept_deg))
+            if place != reported:
+                _print_step(guided, reported, asking=answer is not None)
+                reported = place
+                bar.clear()
+            if state.phase is not Phase.REVIEW:  # the operator types there
+                bar.show(min(1.0, abs(state.target_deg) / 360), _stillness(state))
+            if frame.time_s >= next_look_s and not state.taken:
+                next_look_s, before = frame.time_s + _LOOK_EVERY_S, warnings
+                warnings = check_frame(frame.rgbd(camera)).warnings
+                if _kinds(warnings) != _kinds(before):
+                    for text in warnings:
+                        say(f"Warning: {text}")
+            if answer is not None:
+                _obey(guided, answer())
+            elif state.phase is Phase.REVIEW:
+                guided.keep()
 
 
 def _obey(guided: GuidedCapture, text: str | None) -> None:
@@ -145,18 +140,18 @@ def _obey(guided: GuidedCapture, text: str | None) -> None:
         elif word != "":
             guided.do(lambda state: capture.aim(state, float(word)))
     except ValueError:
-        _tell(f"{text.strip()[:40]!r}? Enter, r, q, or the angle in degrees.")
+        say(f"{text.strip()[:40]!r}? Enter, r, q, or the angle in degrees.")
     except IllegalDecisionError as error:
-        _tell(str(error))
+        say(str(error))
 
 
 def _print_step(guided: GuidedCapture, before: tuple[object, int] | None, *, asking: bool) -> None:
-    """Print the next step; continuous information is printed by :func:`_show_stillness`."""
+    """Print the next step; what changes continuously is beside the bar."""
     from flatcloth.cameras.capture import Phase
 
     state, number = guided.state, len(guided.state.kept_deg)
     if before is not None and number > before[1]:
-        _tell(f"View {number - 1} is kept.", erased=True)
+        say(f"View {number - 1} is kept.")
     if state.phase is Phase.TURN:
         hint = " (Enter: done; q: end)" if asking else ""
         say(f"View {number}: turn the item by {state.turn_by_deg:+g} degrees, to {state.target_deg:g}.{hint}")
@@ -165,46 +160,27 @@ def _print_step(guided: GuidedCapture, before: tuple[object, int] | None, *, ask
     elif state.phase is Phase.REVIEW and guided.taken is not None:
         view = guided.taken
         hint = " (Enter: keep; r: repeat; a number: correct its angle; q: end)" if asking else ""
-        _tell(
+        say(
             f"View {number} at {state.target_deg:g} degrees: {view.frames} frames, "
-            f"noise {view.noise_mm:.1f} mm.{hint}",
-            erased=True,
+            f"noise {view.noise_mm:.1f} mm.{hint}"
         )
         for warning in view.warnings:
             say(f"  {warning}")
 
 
-def _show_stillness(state: Capture) -> None:
+def _stillness(state: Capture) -> str:
     from flatcloth.cameras.capture import Phase
 
-    if not _has_status_line() or state.phase is Phase.REVIEW:
-        return
     speed = "-" if state.speed_px_s is None else f"{state.speed_px_s:.0f}"
     words = {
         Phase.TAKE: f"taking frame {state.taken} of {state.frames}",
         Phase.SETTLE: f"still for {state.still_s:.1f} s" if state.still_s else f"moving, {speed} px/s",
     }
-    print(f"\r  {words.get(state.phase, f'motion {speed} px/s')}\033[K", end="", flush=True)
+    return words.get(state.phase, f"motion {speed} px/s")
 
 
 def _kinds(warnings: Sequence[str]) -> list[str]:
     return [text.split(":")[0] for text in warnings]
-
-
-def _tell(text: str, *, erased: bool = False) -> None:
-    """Print a line below the line that shows the motion, or in its place."""
-    _leave_status_line(erased=erased)
-    say(text)
-
-
-def _has_status_line() -> bool:
-    return sys.stdout.isatty() and speaks()
-
-
-def _leave_status_line(*, erased: bool = False) -> None:
-    """Continue on a line of its own, or in place of the line that shows the motion."""
-    if _has_status_line():
-        print("\r\033[K" if erased else "\n", end="", flush=True)
 
 
 def typed() -> str | None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
-from flatcloth.core.geometry import wrapped_deg
+from flatcloth.core.geometry import camera_from_object, wrapped_deg
 from flatcloth.core.types import FlattenedView, Float64, Uint8
 from flatcloth.export.growth import Growth, Step
 from flatcloth.export.session import OpenedSession
@@ -78,32 +78,32 @@ def frames(session: OpenedSession) -> Iterator[tuple[Uint8, int]]:
     camera = camera_around(view.xyz_m[view.valid], integration.axis, _PANE, _HEIGHT - _FOOT)
 
     def painted(page: Uint8, scene: Scene, angle_deg: float) -> Uint8:
-        image = page.copy()
-        paint_points(image[: camera.height, : camera.width], camera, angle_deg, *scene, size_m=_POINT_M)
+        image, (points_m, rgb, behind_m) = page.copy(), scene
+        seen_m = camera_from_object(integration.axis, angle_deg).apply(points_m)
+        paint_points(image[: camera.height], camera, seen_m, rgb, behind_m, size_m=_POINT_M)
         return image
+
+    def drawn(step: Step, order: int, *, tinted: bool = False) -> tuple[Uint8, Scene]:
+        shape = _shape(growth, order, tinted=tinted)
+        return _page(cropped(shape, view), growth, step, order), _scene(session, steps[order], shape)
 
     turn_frames = max(1, min(_TURN_FRAMES, _MOST_TURNING // len(steps)))
     for before, step in zip((None, *steps), steps, strict=False):
         session.progress(step.order / len(steps), f"painting step {step.order + 1} of {len(steps)}")
         if before is not None:
-            shape = _shape(growth, before.order)
-            page = _page(cropped(shape, view), growth, step, before.order)
-            scene = _scene(session, before, shape)
+            page, scene = drawn(step, before.order)
             turn_deg = wrapped_deg(step.angle_deg - before.angle_deg)
             for n in range(1, turn_frames + 1):
                 share = n / (turn_frames + 1)
                 eased = share * share * (3 - 2 * share)
                 yield painted(page, scene, before.angle_deg + eased * turn_deg), 1
-        shape = _shape(growth, step.order, tinted=True)
-        page = _page(cropped(shape, view), growth, step, step.order)
-        yield painted(page, _scene(session, step, shape), step.angle_deg), _HELD
-    shape = _shape(growth, step.order)
-    scene = _scene(session, step, shape)
-    yield painted(_page(cropped(shape, view), growth, step, step.order), scene, step.angle_deg), _LAST
+        yield painted(*drawn(step, step.order, tinted=True), step.angle_deg), _HELD
+    yield painted(*drawn(step, step.order), step.angle_deg), _LAST
     if other is not None:
         said = "Both sides, each from its own outside"
         page = _page(side_by_side(view, other)[0], growth, step, step.order, said)
-        yield painted(page, _scene(session, step, shape, other), step.angle_deg), _LAST
+        scene = _scene(session, step, _shape(growth, step.order), other)
+        yield painted(page, scene, step.angle_deg), _LAST
 
 
 def _shape(growth: Growth, order: int, *, tinted: bool = False) -> Uint8:

@@ -6,7 +6,6 @@ from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.export.data import GARMENT
 from flatcloth.export.files import zipped
 from flatcloth.export.session import OpenedSession
-from flatcloth.methods.answers import JoinedSides
 
 MEDIA = {
     "page.html": "text/html",
@@ -56,10 +55,8 @@ def made(session: OpenedSession, name: str) -> bytes:
             from flatcloth.export.garment import upright_rad
             from flatcloth.export.outline import outline_text
 
-            turn_rad, sides = upright_rad(session.data.garment), session.data.sides
-            about, other = session.history.header.recording.name, None
-            if isinstance(sides, JoinedSides):
-                other = sides.other.view
+            turn_rad, sides = upright_rad(session.data.garment), session.data.joined
+            other, about = None if sides is None else sides.other.view, session.history.header.recording.name
             suffix = name.removeprefix("outline")
             return outline_text(session.view, about, suffix, turn_rad, other).encode()
         case "data.zip":

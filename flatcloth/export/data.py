@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 GARMENT, GRASPS = "garment.json", "grasps.json"
 FORMAT = "flatcloth-flattened/1"
 GRASPS_FORMAT = "flatcloth-grasps/1"
+_WRITERS = 2
+"""Files written at the same time. Chosen: two take nearly all of the time, the arrays and the grasp poses."""
 _OF_OTHER_SIDE = (OTHER_FILE, "flattened-other.png", "cloud-other.ply")
 
 
@@ -100,10 +102,10 @@ def this_from_other(other: FlattenedView, this: FlattenedView) -> Float64:
     return motion
 
 
-def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
+def write_files(files: Files, folder: Path) -> list[Path]:
     """Write files to a folder, each replaced atomically, so a crash leaves either the old or the new one.
 
-    ``threads`` threads write them in the given order; the last one, the report, is written after the others.
+    They are written in the given order; the last one, the report, after the others.
 
     Raises
     ------
@@ -113,7 +115,7 @@ def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
     *names, report = files
     with os_errors_as(FlatclothError, f"{folder}: the export cannot be written", "Choose another folder."):
         folder.mkdir(parents=True, exist_ok=True)
-        with ThreadPoolExecutor(threads) as pool:
+        with ThreadPoolExecutor(_WRITERS) as pool:
             told = pool.submit(files[report])
             list(pool.map(lambda name: replace_file(folder / name, files[name]()), names))
             replace_file(folder / report, told.result())
@@ -385,7 +387,7 @@ class SessionData:
             _ = self.garment  # recognised first: the deviations of the shape depend on it
         canonical = self.integration.canonical(self.document)
         pieces = decided_pieces(self.document.garment, canonical.view, canonical.floating)
-        laid = self.sides.laid if isinstance(self.sides, JoinedSides) else ()
+        laid = () if self.joined is None else self.joined.laid
         return with_placed_pieces(canonical, pieces.with_laid(laid))
 
     @cached_property
@@ -394,6 +396,11 @@ class SessionData:
         if self.both is not None and not self.is_growing:
             _ = self.garment  # recognised first: their deviations depend on it
         return None if self.both is None else self.both(self.document)
+
+    @property
+    def joined(self) -> JoinedSides | None:
+        """The other side; None if there is none, or it was not asked for."""
+        return self.sides if isinstance(self.sides, JoinedSides) else None
 
     @cached_property
     def garment(self) -> KnownGarment | str:
@@ -415,10 +422,10 @@ class SessionData:
 
     def files(self) -> Files:
         """Return all files, each with the function that makes it; the report comes last."""
-        shape, sides, garment = self.canonical, self.sides, self.garment
+        shape, sides, garment = self.canonical, self.joined, self.garment
         files = side_files("this", shape.view, shape.floating)
         other: tuple[FlattenedView, ...] = ()
-        if isinstance(sides, JoinedSides):
+        if sides is not None:
             view, floating = sides.other.view, sides.other.floating
             other = (view, *floating)
             files |= side_files("other", view, floating, shape.view if sides.is_related else None)
@@ -434,10 +441,8 @@ class SessionData:
         files[OUTCOME] = lambda: outcome_text(self.outcome).encode()
         return files
 
-    def write(self, folder: Path, threads: int = 1) -> list[Path]:
+    def write(self, folder: Path) -> list[Path]:
         """Write all files to a folder, and remove files of an earlier, larger export.
-
-        ``threads`` are the files that are written at the same time; the bytes do not depend on it.
 
         Raises
         ------
@@ -445,6 +450,6 @@ class SessionData:
             If the folder cannot be written; the message names it.
         """
         files = self.files()
-        written = write_files(files, folder, threads)
+        written = write_files(files, folder)
         remove_stale(files, folder)
         return written

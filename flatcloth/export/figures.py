@@ -17,7 +17,7 @@ from flatcloth.export.growth import key_of
 from flatcloth.export.history import ACCEPTED, Decision
 from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
-from flatcloth.methods.answers import ColumnCurves, JoinedSides, Plan, SidePlan
+from flatcloth.methods.answers import ColumnCurves, Plan, SidePlan
 from flatcloth.rendering.colormaps import piece_color, view_colors
 from flatcloth.rendering.drawing import (
     BLUE,
@@ -200,8 +200,8 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
 
 def both_sides(session: OpenedSession) -> Iterator[Figure]:
     """Yield the picture of both sides with their seams; none if the session has one side."""
-    sides = session.data.sides
-    if not isinstance(sides, JoinedSides):
+    sides = session.data.joined
+    if sides is None:
         return
     own, its = session.growth.sheet, lay_out(sides.other)
     picture, shift_m = side_by_side(own.view, its.view)

@@ -174,32 +174,21 @@ SUSPECT = frozenset({BELOW, OVERRIDDEN})
 """Flags of views that are to be reviewed first."""
 
 
-@dataclass(frozen=True)
-class Flags:
-    """Which flags an accepted view has.
+def flags_of(added: Accepted, accept_score: float, overridden: frozenset[int]) -> tuple[str, ...]:
+    """Return which flags an accepted view has.
 
-    Parameters
-    ----------
-    accept_score : float
-        Smallest score that is accepted without an operator; a score in the lower half above it is low.
-    overridden : frozenset of int
-        Views that an operator accepted although the score at that time was smaller.
+    ``accept_score`` is the smallest score that is accepted without an operator; a score in the lower half
+    above it is low. ``overridden`` are the views that an operator accepted with a smaller score at that time.
     """
-
-    accept_score: float
-    overridden: frozenset[int] = frozenset()
-
-    def of(self, added: Accepted) -> tuple[str, ...]:
-        """Return the flags of an accepted view."""
-        score = None if added.score is None else finite(added.score)
-        flags = [BY_HAND] if added.fixed else []
-        if score is not None and score < self.accept_score:
-            flags.append(BELOW)
-        if added.view_index in self.overridden:
-            flags.append(OVERRIDDEN)
-        elif score is not None and self.accept_score <= score < (1.0 + self.accept_score) / 2:
-            flags.append(LOW)
-        return tuple(flags)
+    score = None if added.score is None else finite(added.score)
+    flags = [BY_HAND] if added.fixed else []
+    if score is not None and score < accept_score:
+        flags.append(BELOW)
+    if added.view_index in overridden:
+        flags.append(OVERRIDDEN)
+    elif score is not None and accept_score <= score < (1.0 + accept_score) / 2:
+        flags.append(LOW)
+    return tuple(flags)
 
 
 def overridden(history: SessionHistory, accept_score: float) -> frozenset[int]:

@@ -22,7 +22,8 @@ MARGIN_MM, RULE_MM = 10.0, 100.0
 """Margin of the sheet, and length of the drawn rule. Chosen."""
 GAP_MM = 60.0
 """Between both sides. Chosen: as on the page."""
-
+LEAST_AREA_M2 = 1e-4
+"""Smaller pieces and holes have no outline. Chosen: a square centimetre."""
 
 _STRAIGHT_PX = 4
 """A corner between straight pixel edges of this length is a corner of the cloth, not a raster step."""
@@ -42,17 +43,10 @@ def area_of(piece: Piece) -> float:
     return sum(map(signed_area, piece))
 
 
-def outline(view: FlattenedView, least_area_m2: float = 1e-4) -> list[Piece]:
-    """Return the pieces of cloth, the largest first.
+def outline(view: FlattenedView) -> list[Piece]:
+    """Return the pieces of cloth, the largest first, without pieces and holes below ``LEAST_AREA_M2``.
 
     The outline runs between pixels with and without cloth, so areas are those of the pixels.
-
-    Parameters
-    ----------
-    view : FlattenedView
-        The flattened view.
-    least_area_m2 : float
-        Smaller pieces and holes are left out.
 
     Raises
     ------
@@ -64,8 +58,8 @@ def outline(view: FlattenedView, least_area_m2: float = 1e-4) -> list[Piece]:
     for number, window in enumerate(ndimage.find_objects(label), start=1):
         corner = np.array([window[0].start, window[1].start])
         outer, *holes = (view.uv_from_rc(corner + rim) for rim in _rims(label[window] == number))
-        if signed_area(outer) > 0 and signed_area(outer) >= least_area_m2:
-            pieces.append((outer, *(hole for hole in holes if -signed_area(hole) >= least_area_m2)))
+        if signed_area(outer) >= LEAST_AREA_M2:
+            pieces.append((outer, *(hole for hole in holes if -signed_area(hole) >= LEAST_AREA_M2)))
     if not pieces:
         raise FlatclothError("There is no cloth with an outline. Step first.")
     return sorted(pieces, key=area_of, reverse=True)

@@ -29,7 +29,6 @@ from flatcloth.export.garment import summary
 from flatcloth.export.growth import Growth
 from flatcloth.export.session import OpenedSession
 from flatcloth.grasping.grips import grip_numbers
-from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.drawing import data_url, webp_of
 from flatcloth.rendering.layers import LAYERS, hex_of, is_known, legend, rgba
@@ -134,7 +133,7 @@ def whole(folder: Path, entry: str) -> str:
 def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
     history, growth, integration = session.history, session.growth, session.integration
     view, axis, recording = growth.view, integration.axis, integration.recording
-    garment, sides = session.data.garment, session.data.sides
+    garment, sides = session.data.garment, session.data.joined
     around, around_rgb = _around(session)
     every = np.concatenate([view.xyz_m[growth.first_step >= 0].astype(np.float64), *around])
     low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
@@ -152,7 +151,7 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
     along = (every - axis.point_m) @ axis.direction
     ends = np.nanmin(along) - 0.05, np.nanmax(along) + 0.05
     other = None
-    if isinstance(sides, JoinedSides):  # as seen from its own outside
+    if sides is not None:  # as seen from its own outside
         sheet = lay_out(sides.other)
         first = np.where(sheet.view.valid, 0, -1).astype(np.int16)
         other = _side(session, parcel, sheet, first, sheet.view.view_index, levels, "other ")

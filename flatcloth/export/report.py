@@ -25,7 +25,7 @@ from flatcloth.export.history import (
     SKIPPED,
     VERDICTS,
     Decision,
-    Flags,
+    flags_of,
     is_overridden,
     overridden,
 )
@@ -72,10 +72,10 @@ def _head(session: OpenedSession) -> Iterable[str]:
     views = ", ".join(f"{step.view_index} ({step.angle_deg:g}\u00b0)" for step in growth.steps)
     camera, day = recording.intrinsics, header.created[:10] or "at an unknown time"
     limit = session.integration.accept_score
-    flags = Flags(limit, overridden(history, limit))
+    against = overridden(history, limit)
     flagged = [
-        (f"\u2691 View {added.view_index}", "; ".join(FLAGS[flag] for flag in flags.of(added)))
-        for added in history.document.accepted
+        (f"\u2691 View {view.view_index}", "; ".join(FLAGS[flag] for flag in flags_of(view, limit, against)))
+        for view in history.document.accepted
     ]
     count = {word: sum(d.verdict == word for d in history.decisions) for word in VERDICTS}
     stood = sum(d.stands and d.verdict == ACCEPTED for d in history.decisions)

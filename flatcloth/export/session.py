@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
+from flatcloth.core.errors import ConfigError, JournalError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
 from flatcloth.engine.outcome import has_other_side
@@ -18,7 +18,7 @@ from flatcloth.export.data import SessionData
 from flatcloth.export.growth import Growth, Kept, colors_of, grow, key_of
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.grasping.grasps import LOST_AT_M, GraspPose, grasp_pose, pixel_of_point
-from flatcloth.methods.answers import ColumnCurves, JoinedSides
+from flatcloth.methods.answers import ColumnCurves
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.session.document import Document
@@ -42,14 +42,13 @@ class OpenedSession:
     """A session for export; data are computed on first use.
 
     ``progress`` is called with the progress of the work; ``kept`` is shared with other exports of it;
-    ``numbers`` are those of :meth:`numbers_of`; the rest is as in :class:`.data.SessionData`.
+    the rest is as in :class:`.data.SessionData`.
     """
 
     history: SessionHistory
     integration: Integration
     progress: Progress = no_progress
     kept: Kept = field(default_factory=Kept)
-    numbers: dict[int, ViewNumbers] = field(default_factory=dict)
     rotation_deg: float | None = None
     base_from_camera: Rigid3 | None = None
 
@@ -69,8 +68,8 @@ class OpenedSession:
         """Return the cloth of a side, floating pieces included; None if it is not known."""
         if side == "this":
             return self.growth.view
-        sides = self.data.sides
-        return lay_out(sides.other).view if isinstance(sides, JoinedSides) else None
+        sides = self.data.joined
+        return None if sides is None else lay_out(sides.other).view
 
     def pose_of(self, pick: Pick) -> GraspPose | None:
         """Return the grasp pose of a pick or named point; None if its side or its normal is not known."""
@@ -112,15 +111,19 @@ class OpenedSession:
         """Return numbers of a view's own flattened view."""
         from flatcloth.methods.paper.planning import column_curves
 
-        if view_index not in self.numbers:
-            integration, flattening = self.integration, self.integration.views.flattening(view_index)
+        def made() -> ViewNumbers:
+            flattening = integration.views.flattening(view_index)
             angle_deg = integration.recording.angles_deg[view_index]
             limit_deg = integration.config.planning.z_angle_limit_deg
-            self.numbers[view_index] = ViewNumbers(
+            return ViewNumbers(
                 energies_m2=tuple(np.array(level.energy) for level in flattening.levels),
                 curves=column_curves(flattening.view, integration.axis, angle_deg, limit_deg),
             )
-        return self.numbers[view_index]
+
+        integration = self.integration
+        key = "numbers", key_of(integration.axis, self.history.begun), view_index
+        numbers: ViewNumbers = self.kept.values.get(key, made)
+        return numbers
 
     @cached_property
     def data(self) -> SessionData:
@@ -145,18 +148,9 @@ def open_session(
     *,
     options: SourceOptions | None = None,
 ) -> OpenedSession:
-    """Open a session folder for export, without locking or changing it.
+    """Open a session folder for export, without locking or changing it; see :func:`flatcloth.open_session`.
 
-    Parameters
-    ----------
-    folder : Path
-        The session folder.
-    recording : Path, optional
-        Present location of its recording; by default that of the session.
-    progress : callable
-        Called with the progress of the work.
-    options : SourceOptions, optional
-        Options to open the recording with; by default those that the session was started with.
+    ``options`` are those to open the recording with; by default those that the session was started with.
 
     Raises
     ------
@@ -194,32 +188,3 @@ def open_session(
     except ConfigError as error:
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     return OpenedSession(history, integration, progress)
-
-
-def of_page(
-    integration: Integration, folder: object, progress: Progress = no_progress, kept: Kept | None = None
-) -> OpenedSession:
-    """Return the session of an open page for export.
-
-    Parameters
-    ----------
-    integration : Integration
-        The page's integration; safe to use from several threads.
-    folder : object
-        The page's session folder.
-    progress : callable
-        Called with the progress of the work; may raise ``CancelledError``.
-    kept : Kept, optional
-        What earlier exports of the page computed.
-
-    Raises
-    ------
-    FlatclothError
-        If the session is not saved on disk.
-    JournalError
-        If the folder cannot be read.
-    """
-    path = getattr(folder, "folder", None)
-    if path is None:
-        raise FlatclothError("This session is not saved on disk, so it cannot be exported; use --session.")
-    return OpenedSession(read_history(path), integration, progress, kept or Kept())

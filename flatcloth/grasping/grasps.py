@@ -29,34 +29,10 @@ _FINGER_M, _STEM_M, _AXIS_MARK_M = 0.05, 0.04, 0.015
 """Lengths of the drawn gripper: fingers, stem, and the mark of its axis. Chosen for looks."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class GraspPoint:
-    """The 3D point behind a flattened pixel.
+def nearest_cloth(view: FlattenedView, uv_m: tuple[float, float]) -> tuple[tuple[int, int], float]:
+    """Return the valid pixel (row, col) nearest to a position on the plane, and how far it is from it, m.
 
-    ``rc`` (row, col) of the pixel in the flattened view and ``uv_m`` its position on the plane; position
-    and unit normal (3,) in the object frame: it points out of the cloth. ``view_index`` and
-    ``source_rc`` give the image pixel it was measured in; ``miss_m`` is the distance on the plane
-    between the requested position and the pixel (0 if that position lies on the cloth).
-    """
-
-    rc: tuple[int, int]
-    uv_m: tuple[float, float]
-    position_held_m: Float64
-    normal_held: Float64
-    view_index: int
-    source_rc: tuple[float, float]
-    miss_m: float
-
-
-def grasp_at(view: FlattenedView, uv_m: tuple[float, float]) -> GraspPoint:
-    """Return the grasp point at the valid pixel nearest to a position on the plane.
-
-    Parameters
-    ----------
-    view : FlattenedView
-        The flattened view, attributes in the object frame.
-    uv_m : (float, float)
-        Position on the plane, metres; may lie off the cloth or off the grid.
+    The position may lie off the cloth or off the grid; the distance is 0 inside a valid pixel.
 
     Raises
     ------
@@ -72,17 +48,9 @@ def grasp_at(view: FlattenedView, uv_m: tuple[float, float]) -> GraspPoint:
     if not (0 <= row < view.shape[0] and 0 <= col < view.shape[1] and view.valid[row, col]):
         on_cloth = np.argwhere(view.valid)
         row, col = on_cloth[int(np.square(on_cloth - asked).sum(axis=1).argmin())].tolist()
-    uv = view.uv_from_rc(np.array([row, col]))
-    inside = bool(np.all(np.abs(asked - (row, col)) <= 0.5 + 1e-9))
-    return GraspPoint(
-        rc=(row, col),
-        uv_m=(float(uv[0]), float(uv[1])),
-        position_held_m=view.xyz_m[row, col].astype(np.float64),
-        normal_held=view.normal[row, col].astype(np.float64),
-        view_index=int(view.view_index[row, col]),
-        source_rc=(float(view.source_rc[row, col, 0]), float(view.source_rc[row, col, 1])),
-        miss_m=0.0 if inside else float(np.hypot(*(uv - np.asarray(uv_m)))),
-    )
+    off = np.abs(asked - (row, col))
+    inside = bool(np.all(off <= 0.5 + 1e-9))
+    return (row, col), 0.0 if inside else view.pixel_size_m * float(np.hypot(*off))
 
 
 def pixel_of_point(view: FlattenedView, xyz_m: Floats) -> tuple[tuple[int, int], float]:

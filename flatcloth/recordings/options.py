@@ -36,7 +36,7 @@ def option(text: str, form: str = "", default: Any = None, **more: Any) -> Any:
         ``group``, the title of its group, and words about that after a colon; ``either``, the name of those
         of which one may be given; ``names`` in place of its field's; ``positional``; ``const``, its value if
         it is given without one; ``read``, which reads its text; ``choices``, which returns them; ``parts``,
-        which returns dataclasses whose options it has.
+        dataclasses whose options it has.
     """
     return dataclasses.field(default=default, metadata={"text": text, "form": form, **more})
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import height_m
-from flatcloth.core.types import Bool, FlattenedView, Float32, Floats, RotationAxis, Uint8
+from flatcloth.core.types import FlattenedView, Float32, Floats, RotationAxis, Uint8
 from flatcloth.flattening.resampling import sample
 from flatcloth.rendering.colormaps import apply_table, color_table, view_colors
 
@@ -98,20 +98,13 @@ def rgba(
     return image
 
 
-def difference_rgba(difference: Difference, kind: str) -> Uint8:
-    """Return a heat map (H, W, 4) uint8 of a difference; transparent where not both have cloth.
-
-    Raises
-    ------
-    FlatclothError
-        If the kind of difference is unknown.
-    """
-    of_kind = {"color": difference.color, "height": difference.height_m, "position": difference.distance_m}
-    scalar, common = DIFFERENCES[kind], difference.common
+def difference_rgba(found: Mapping[str, Float32], kind: str) -> Uint8:
+    """Return a heat map (H, W, 4) uint8 of a :func:`difference`; transparent where not both have cloth."""
+    scalar, common = DIFFERENCES[kind], np.isfinite(found["position"])
     assert scalar.span is not None
     image = np.zeros((*common.shape, 4), dtype=np.uint8)
     image[common, 3] = 255
-    image[common, :3] = _colors(of_kind[kind][common], scalar.map, *scalar.span)
+    image[common, :3] = _colors(found[kind][common], scalar.map, *scalar.span)
     return image
 
 
@@ -194,17 +187,9 @@ def legend(
     return _ramp(SCALARS[layer], layer_range(view, layer, axis))
 
 
-def difference_legend(kind: str) -> dict[str, Any]:
-    """Return the legend of one of ``DIFFERENCES`` for the page.
-
-    Raises
-    ------
-    FlatclothError
-        If the kind of difference is unknown.
-    """
-    scalar = DIFFERENCES[kind]
-    assert scalar.span is not None
-    return _ramp(scalar, scalar.span)
+def difference_legends() -> dict[str, Any]:
+    """Return the legend of each of ``DIFFERENCES`` for the page."""
+    return {kind: _ramp(scalar, scalar.span) for kind, scalar in DIFFERENCES.items() if scalar.span}
 
 
 def _ramp(scalar: Scalar, span: tuple[float, float]) -> dict[str, Any]:
@@ -229,27 +214,7 @@ def hex_of(color: Uint8) -> str:
     return "#" + bytes(color.tolist()).hex()
 
 
-@dataclass(frozen=True, kw_only=True)
-class Difference:
-    """New minus current, on the grid of the new view (H, W), NaN where not both have cloth.
-
-    ``color`` float32 is the mean absolute difference of red, green and blue (0 to 255); ``height_m``
-    float32 the signed difference of the heights along the turning axis; ``distance_m`` float32 the
-    distance of the two points in space (object frame).
-    """
-
-    color: Float32
-    height_m: Float32
-    distance_m: Float32
-
-    @property
-    def common(self) -> Bool:
-        """Pixels (H, W) where both views have cloth."""
-        both: Bool = np.isfinite(self.distance_m)
-        return both
-
-
-def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> Difference:
+def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> dict[str, Float32]:
     """Compare two flattened views of the same plane where they overlap.
 
     Parameters
@@ -260,6 +225,13 @@ def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -
         The view placed on it; each of its pixels is compared.
     axis : RotationAxis
         Axis of the recording, for the heights.
+
+    Returns
+    -------
+    dict of (H, W) float32
+        New minus current on the grid of the new view, by the kinds of ``DIFFERENCES``: the mean absolute
+        difference of red, green and blue (0 to 255), that of the heights along the turning axis, m, and the
+        distance of the two points in space, m, which is NaN where not both have cloth.
     """
     at = np.nonzero(new.valid)
     rc = np.stack(at, axis=1)
@@ -272,8 +244,8 @@ def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -
         image[at] = values
         return image
 
-    return Difference(
-        color=spread(np.abs(new.rgb[at] - there[:, 3:6]).mean(axis=1)),
-        height_m=spread((height_m(xyz, axis) - height_m(there[:, 0:3], axis)).astype(np.float32)),
-        distance_m=spread(np.linalg.norm(xyz - there[:, 0:3], axis=1)),
-    )
+    return {
+        "color": spread(np.abs(new.rgb[at] - there[:, 3:6]).mean(axis=1)),
+        "height": spread((height_m(xyz, axis) - height_m(there[:, 0:3], axis)).astype(np.float32)),
+        "position": spread(np.linalg.norm(xyz - there[:, 0:3], axis=1)),
+    }

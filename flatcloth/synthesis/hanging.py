@@ -11,6 +11,7 @@ from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3, camera_from_object, rotation_about
 from flatcloth.core.types import Float64, Intrinsics, RotationAxis
 from flatcloth.recordings.base import apart_deg
+from flatcloth.synthesis.meshes import suffix_of
 from flatcloth.synthesis.request import Request
 
 _EXTENT_M = (0.05, 4.0)
@@ -36,50 +37,29 @@ class Turning:
     recorded_axis: RotationAxis
 
 
-def hang(
-    vertices: Float64,
-    *,
-    up: str,
-    scale: float,
-    held: tuple[float, float, float] | int | None,
-    distance_m: float,
-    balanced: bool = False,
-) -> Hung:
-    """Place the held point above the optical axis so that the item is centred in the image.
+def hang(vertices: Float64, request: Request) -> Hung:
+    """Place the vertices (N, 3) of a file so that the held point is on the axis and the item in the middle.
 
-    Parameters
-    ----------
-    vertices : (N, 3)
-        In the file's frame and unit.
-    up : str
-        The file's upward axis, as ``Request.up``.
-    scale : float
-        Metres per unit of the file.
-    held : three numbers, int or None
-        The held point in the file's frame, the index of a vertex, or None for the highest vertex.
-    distance_m : float
-        Distance of the camera from the turning axis.
-    balanced : bool
-        Rotate the mesh rigidly so that its centroid hangs below the held point; otherwise it keeps
-        the pose of its file.
+    ``balance`` of the request turns them rigidly so that their centroid is below the held point; otherwise
+    the item keeps the pose of its file.
 
     Raises
     ------
     SynthesisError
         If the size is not that of a garment, the vertex does not exist, or the held point is not on top.
     """
-    extent = float(np.ptp(vertices, axis=0).max()) * scale
+    extent = float(np.ptp(vertices, axis=0).max()) * request.scale
     if not _EXTENT_M[0] <= extent <= _EXTENT_M[1]:
         raise SynthesisError(
             f"The mesh is {extent:g} m large, a garment has {_EXTENT_M[0]:g} to {_EXTENT_M[1]:g} m. "
             "Give the metres per unit of the file, for example --scale 0.001 for millimetres."
         )
+    up = request.up or ("y" if suffix_of(request.mesh) in (".glb", ".gltf") else "z")
     camera_from_file = _camera_axes(up)
-    points = vertices @ camera_from_file.T * scale
-    point = _held_point(points, held, camera_from_file * scale)
-    points = points - point
+    points = vertices @ camera_from_file.T * request.scale
+    points = points - _held_point(points, request, camera_from_file * request.scale)
     middle = points.mean(axis=0)
-    if balanced and np.linalg.norm(middle) >= 1e-9:  # the smallest rotation that brings the centroid below
+    if request.balance and np.linalg.norm(middle) >= 1e-9:  # the smallest rotation that does it
         points = points @ Rotation.align_vectors(np.array([0.0, 1.0, 0.0]), middle)[0].as_matrix().T
     height = float(points[:, 1].max())  # y is down
     if height < 0.2 * extent:
@@ -87,7 +67,7 @@ def hang(
             f"The item extends only {1e3 * height:.0f} mm below the held point. "
             "Choose the upward axis with --up, or rotate the mesh below its held point with --balance."
         )
-    held_m = np.array([0.0, round(-height / 2, 4), distance_m])
+    held_m = np.array([0.0, round(-height / 2, 4), request.distance_m])
     return Hung(
         points_m=points + held_m,
         held_point_m=held_m,
@@ -154,18 +134,15 @@ def _camera_axes(up: str) -> Float64:
     return np.stack([right, down, np.cross(right, down)])
 
 
-def _held_point(
-    points: Float64, held: tuple[float, float, float] | int | None, camera_from_file: Float64
-) -> Float64:
-    if held is None:
-        held = int(points[:, 1].argmin())
-    if isinstance(held, int):
-        if not 0 <= held < len(points):
+def _held_point(points: Float64, request: Request, camera_from_file: Float64) -> Float64:
+    if request.held is None:
+        vertex = int(points[:, 1].argmin()) if request.held_vertex is None else request.held_vertex
+        if not 0 <= vertex < len(points):
             raise SynthesisError(
-                f"--held-vertex {held}: the mesh has vertices 0 to {len(points) - 1}. Choose one of them."
+                f"--held-vertex {vertex}: the mesh has vertices 0 to {len(points) - 1}. Choose one of them."
             )
-        return np.asarray(points[held])
-    point: Float64 = camera_from_file @ np.asarray(held, dtype=np.float64)
+        return np.asarray(points[vertex])
+    point: Float64 = camera_from_file @ np.asarray(request.held, dtype=np.float64)
     nearest = float(np.linalg.norm(points - point, axis=1).min())
     if not nearest <= 0.1:  # also if it is no number
         raise SynthesisError(

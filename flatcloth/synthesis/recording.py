@@ -14,7 +14,7 @@ from flatcloth.recordings.writer import RecordingWriter, Uint16
 from flatcloth.registration.axis import THREADS
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel
 from flatcloth.synthesis.hanging import Hung, astray, hang, share_in_image, turn, twisted
-from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh, suffix_of
+from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh
 from flatcloth.synthesis.panels import split_panels
 from flatcloth.synthesis.rendering import MESH_COLORS, Scene, vertex_normals
 from flatcloth.synthesis.request import Request
@@ -67,7 +67,7 @@ def camera_of(
     return Intrinsics(width=width, height=height, fx=focal_px, fy=focal_px, cx=cx, cy=cy)
 
 
-def synthesize(request: Request, progress: Progress = no_progress) -> HungItem:
+def synthesize(request: Request, progress: Progress = no_progress) -> Cell:
     """Synthesize a recording folder from a mesh; return the item, which has warnings for the user.
 
     Raises
@@ -81,9 +81,10 @@ def synthesize(request: Request, progress: Progress = no_progress) -> HungItem:
     -----
     It takes about 0.5 s per view of 480x848 px with noise, two thirds for noise and PNG files.
     """
-    item = HungItem(request, progress)
+    item = Cell(request, progress=progress)
     turning = turn(item.hung, request, np.random.default_rng([request.seed, 1]))
     recorded_deg, count = turning.recorded_angles_deg, len(request.angles_deg)
+    is_at_the_top = request.held is None and request.held_vertex is None
     described = [
         f"synthetic, from the mesh {request.mesh.name}, {NOISES[request.noise]}",
         "angles and axis recorded with errors" if request.angle_error_deg or request.axis_error_mm else "",
@@ -106,7 +107,7 @@ def synthesize(request: Request, progress: Progress = no_progress) -> HungItem:
             held_point_m=np.round(item.hung.held_point_m, 4),
             truth_header={
                 "garment": request.mesh.name.partition(".")[0],
-                "held_at": "highest point" if item.held is None else "chosen point",
+                "held_at": "highest point" if is_at_the_top else "chosen point",
                 "panel_of_interest": item.panel_of_interest,
             },
         ) as writer,
@@ -134,8 +135,22 @@ class CellView:
     truth_bgr: Uint16
 
 
-class HungItem:
-    """The mesh of a request, hanging before its camera and sensor; ``warnings`` are for the user.
+class Cell:
+    """A mesh that hangs on a simulated turntable, before its camera and sensor.
+
+    ``points_m`` (N, 3) are its vertices at 0 degrees, camera frame; ``warnings`` are for the user.
+
+    Parameters
+    ----------
+    request : Request
+        The mesh, its panel of interest, the camera and the noise.
+    start_deg : float
+        How the item is turned when the cell stands at 0 degrees.
+    most_seen : bool
+        The panel of interest is the one, 1 or 2, whose outer face covers more pixels of four views round the
+        item, not that of the request.
+    progress : callable
+        Called with the progress of opening it.
 
     Raises
     ------
@@ -143,28 +158,28 @@ class HungItem:
         If the mesh cannot be read, hung or flattened, or an option does not match it.
     """
 
-    def __init__(self, request: Request, progress: Progress = no_progress) -> None:
+    def __init__(
+        self,
+        request: Request,
+        start_deg: float = 0.0,
+        *,
+        most_seen: bool = False,
+        progress: Progress = no_progress,
+    ) -> None:
         _check(request)
-        self.request = request
+        self.request, self._start_deg = request, start_deg
+        self.name = f"cell with {request.mesh.name.partition('.')[0]}"
         self.intrinsics = camera_of(request.size_px, request.focal_px, request.center_px)
-        self.held = request.held or request.held_vertex
         mesh = read_mesh(request.mesh, with_images=request.texture in (None, MESH_COLORS))
         if request.inside_out:
             mesh = inside_out(mesh)
-        up = request.up or ("y" if suffix_of(request.mesh) in (".glb", ".gltf") else "z")
         try:
-            self.hung = hang(
-                mesh.vertices,
-                up=up,
-                scale=request.scale,
-                held=self.held,
-                distance_m=request.distance_m,
-                balanced=request.balance,
-            )
+            self.hung = hung = hang(mesh.vertices, request)
             progress(0.0, "flattening the truth")
-            self.panels = _flat_panels(mesh, self.hung)
+            self.panels = _flat_panels(mesh, hung)
         except SynthesisError as error:
             raise SynthesisError(f"{request.mesh}: {error}") from error
+        self.axis, self.held_point_m, self.points_m = hung.axis, hung.held_point_m, hung.points_m
         texture = request.texture or (MESH_COLORS if mesh.has_colors else PATTERNS[0])
         if texture == MESH_COLORS and not mesh.has_colors:
             why = f" ({'; '.join(mesh.notes)})" if mesh.notes else ""
@@ -173,14 +188,39 @@ class HungItem:
             )
         self.panel_of_interest = _panel_number(request.panel, self.panels)
         self.warnings = [f"{note}: its colors may be others." for note in mesh.notes]
-        self.warnings += _warnings(self.hung, self.panels, self.intrinsics)
-        self.normals = vertex_normals(self.hung.points_m, mesh.triangles)  # as it hangs, not swaying
+        self.warnings += _warnings(hung, self.panels, self.intrinsics)
+        self.normals = vertex_normals(hung.points_m, mesh.triangles)  # as it hangs, not swaying
         self.scene = Scene(mesh, self.panels, texture, request.seed)
         self.depth_scale_m = _CLEAN_UNIT_M if request.noise == "none" else UNIT_M
         self._dots = projector(request.seed)
-        offset_m = self.hung.points_m - self.hung.held_point_m
+        offset_m = hung.points_m - hung.held_point_m
         reach_m = float(np.hypot(offset_m[:, 0], offset_m[:, 2]).max()) + _BESIDE_M
         self._range_m = (max(request.distance_m - reach_m, _NEAREST_M), request.distance_m + reach_m)
+        if most_seen:
+            pixels = np.zeros(2)
+            for angle_deg in (0.0, 90.0, 180.0, 270.0):
+                turned = camera_from_object(self.axis, angle_deg)
+                placed = turned.apply_with_normal(hung.points_m, self.normals)
+                view = self.scene.view(self.intrinsics, *placed)
+                pixels += [(view.outer & (view.panel == panel)).sum() for panel in (1, 2)]
+            self.panel_of_interest = int(pixels.argmax()) + 1
+
+    def look(self, angle_deg: float, number: int) -> CellView:
+        """Turn the item to an angle, as a recording's, and return what the camera sees; it takes about 0.5 s.
+
+        The noise, the sway and the error of the turntable depend on the ``number`` of the look. The same
+        request, angle and number give the same pictures, so that a loop that was killed goes on as if it had
+        not been.
+
+        Raises
+        ------
+        SynthesisError
+            If the item is not in the image.
+        """
+        seed = self.request.seed
+        sway, error_deg = astray(self.hung, self.request, np.random.default_rng([seed, 1, number]))
+        pose = sway @ camera_from_object(self.axis, self._start_deg + angle_deg + error_deg)
+        return self.seen(pose, self.points_m, np.random.default_rng([seed, 2, number]))
 
     def seen(self, pose: Rigid3, points_m: Float64, random: np.random.Generator) -> CellView:
         """Return what the camera sees of the vertices (N, 3), moved from where they hang into a pose.
@@ -273,69 +313,3 @@ def _warnings(hung: Hung, panels: tuple[FlatPanel, ...], camera: Intrinsics) -> 
         if panel.flipped_share > _FOLDED_SHARE
     ]
     return found
-
-
-# --- a simulated cell -----------------------------------------------------------------------------
-
-
-class Cell(HungItem):
-    """A mesh on a simulated turntable; see the command ``active --cell``.
-
-    ``points_m`` are its vertices (N, 3) as they hang at the start angle 0, camera frame; for evaluation.
-
-    Parameters
-    ----------
-    request : Request
-        The mesh, its panel of interest, the camera and the noise. ``sway_mm`` sways the item at random for
-        each view, ``angle_error_deg`` is that of the turntable; ``out`` and ``step_deg`` are not used.
-    start_deg : float
-        How the item is turned when the cell stands at 0 degrees.
-    most_seen : bool
-        The panel of interest is the one, 1 or 2, whose outer face covers more pixels of four views round the
-        item, not that of the request.
-
-    Raises
-    ------
-    SynthesisError
-        If the mesh cannot be read or hung, or an option does not match it.
-
-    Notes
-    -----
-    A look takes about 0.5 s for 480x848 px. The same request, angle and number of the look give the same
-    pictures, so that a loop that was killed goes on as if it had not been.
-    """
-
-    def __init__(self, request: Request, start_deg: float = 0.0, *, most_seen: bool = False) -> None:
-        super().__init__(request)
-        self._start_deg, hung = start_deg, self.hung
-        self.name = f"cell with {request.mesh.name.partition('.')[0]}"
-        self.axis, self.held_point_m, self.points_m = hung.axis, hung.held_point_m, hung.points_m
-        if most_seen:
-            pixels = np.zeros(2)
-            for angle_deg in (0.0, 90.0, 180.0, 270.0):
-                placed = camera_from_object(self.axis, angle_deg).apply_with_normal(
-                    hung.points_m, self.normals
-                )
-                view = self.scene.view(self.intrinsics, *placed)
-                pixels += [(view.outer & (view.panel == panel)).sum() for panel in (1, 2)]
-            self.panel_of_interest = int(pixels.argmax()) + 1
-
-    def look(self, angle_deg: float, number: int) -> CellView:
-        """Turn the item to an angle, and return what the camera sees.
-
-        Parameters
-        ----------
-        angle_deg : float
-            As a recording's angles, from 0 where the cell started.
-        number : int
-            The number of the look; the noise and the sway depend on it.
-
-        Raises
-        ------
-        SynthesisError
-            If the item is not in the image.
-        """
-        seed, hung = self.request.seed, self.hung
-        sway, error_deg = astray(hung, self.request, np.random.default_rng([seed, 1, number]))
-        pose = sway @ camera_from_object(self.axis, self._start_deg + angle_deg + error_deg)
-        return self.seen(pose, hung.points_m, np.random.default_rng([seed, 2, number]))

@@ -42,7 +42,7 @@ def led(file: Path, out: Path, answer: Callable[[GuidedCapture], str | None]) ->
     camera = PlaybackCamera(file, real_time=False)
     guided = GuidedCapture(camera, lambda: writer_for(camera, str(out), "coat", False), 10.0)
     with speaking(Output()):
-        record.lead(camera, guided, lambda: answer(guided), keeps_itself=False)
+        record.lead(camera, guided, lambda: answer(guided))
     guided.close()
     camera.close()
     return guided

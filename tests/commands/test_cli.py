@@ -1,8 +1,13 @@
+import fcntl
 import json
+import os
+import re
 import shutil
 import signal
+import struct
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import httpx
@@ -165,6 +170,21 @@ def test_errors_are_in_the_log_file_too(tmp_path, capsys):
     assert "no-such-recording" in log.read_text()
     assert main(["run", "x", "--out", "y", "--log-file", str(tmp_path)]) == 2
     assert f"{tmp_path}: the log cannot be written" in capsys.readouterr().err
+
+
+def test_on_a_terminal_a_line_stands_above_the_bar_that_is_drawn_while_it_is_said():
+    code = (
+        "from flatcloth.commands.options import Output\n"
+        "from flatcloth.commands.output import ProgressBar, say, speaking\n"
+        "with speaking(Output()), ProgressBar('cell') as bar:\n"
+        "    bar.show(0.5, 'a view'); say('View 1: turn.')\n"
+    )
+    reader, terminal = os.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, stdout=terminal, stderr=terminal, check=True)
+    shown = os.read(reader, 10_000).decode()
+    assert "a view" in shown
+    assert re.search(r"\r *\rView 1: turn\.\r\n", shown), shown
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")

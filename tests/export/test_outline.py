@@ -85,7 +85,7 @@ def test_without_cloth_there_is_no_outline():
 @given(st.integers(0, 2**32 - 1))
 def test_any_cloth_gives_closed_outlines_of_the_area_of_its_pixels(seed):
     valid = np.random.default_rng(seed).random((12, 15)) < 0.6
-    pieces = outline(replace(cloth(valid), pixel_size_m=1.0, origin_uv_m=(0.0, 0.0)), least_area_m2=0.0)
+    pieces = outline(replace(cloth(valid), pixel_size_m=1.0, origin_uv_m=(0.0, 0.0)))
     assert all(np.isfinite(p[0]).all() and area_of(p) > -1e-9 for p in pieces)
     rim = sum(len(rim) for p in pieces for rim in p)
     # Each corner that is cut takes at most half a pixel, and thinning as much again.

@@ -10,13 +10,14 @@ from garment_evidence import blank_view
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import rotation_about
 from flatcloth.core.types import FlattenedView, RotationAxis
+from flatcloth.export.garment import pick_at
 from flatcloth.grasping.grasps import (
     OPENING_M,
     GraspPose,
     Grip,
     axis_by_hand,
-    grasp_at,
     grasp_pose,
+    nearest_cloth,
     nearest_outline,
     pixel_of_point,
     point_on_ray,
@@ -56,18 +57,16 @@ def empty() -> FlattenedView:
 
 def test_a_pixel_gives_the_point_of_the_closed_form() -> None:
     u_m, v_m = 0.10, 0.03
-    grasp = grasp_at(cylinder(), (u_m, v_m))
+    assert nearest_cloth(cylinder(), (u_m, v_m)) == ((13, 30), 0.0)
+    pick = pick_at(cylinder(), (13, 30), 1, "one")
     theta = u_m / RADIUS_M
     np.testing.assert_allclose(
-        grasp.position_held_m,
+        pick.position_held_m,
         [RADIUS_M * math.sin(theta), v_m, 1 - RADIUS_M * math.cos(theta)],
         atol=1e-7,
     )
-    np.testing.assert_allclose(grasp.normal_held, [math.sin(theta), 0, -math.cos(theta)], atol=1e-7)
-    assert grasp.rc == (13, 30)
-    assert grasp.uv_m == pytest.approx((u_m, v_m))
-    assert (grasp.view_index, grasp.source_rc) == (7, (26.0, 60.0))
-    assert grasp.miss_m == 0
+    np.testing.assert_allclose(pick.normal_held, [math.sin(theta), 0, -math.cos(theta)], atol=1e-7)
+    assert (pick.view_index, pick.source_rc) == (7, (26.0, 60.0))
 
 
 @pytest.mark.parametrize(
@@ -80,18 +79,17 @@ def test_a_pixel_gives_the_point_of_the_closed_form() -> None:
     ],
 )
 def test_a_click_beside_the_cloth_takes_the_nearest_and_tells_how_far_it_is(uv_m, rc, miss_m) -> None:
-    grasp = grasp_at(cylinder(), uv_m)
-    assert (grasp.rc, grasp.miss_m) == (rc, pytest.approx(miss_m))
+    assert nearest_cloth(cylinder(), uv_m) == (rc, pytest.approx(miss_m))
 
 
 def test_nothing_flattened_and_places_that_are_no_places_are_refused() -> None:
     with pytest.raises(FlatclothError, match="Nothing is flattened yet"):
-        grasp_at(empty(), (0.0, 0.0))
+        nearest_cloth(empty(), (0.0, 0.0))
     with pytest.raises(FlatclothError, match="Nothing is flattened yet"):
         pixel_of_point(empty(), np.zeros(3))
     for place in ((math.nan, 0.0), (0.0, math.inf)):
         with pytest.raises(FlatclothError, match="not a finite point"):
-            grasp_at(cylinder(), place)
+            nearest_cloth(cylinder(), place)
 
 
 def test_a_point_in_space_finds_its_pixel() -> None:
@@ -123,8 +121,8 @@ def test_a_ray_meets_the_front_of_the_cloth(points, direction, met) -> None:
 
 
 def picked(view: FlattenedView, u_m: float, v_m: float, grip: Grip | None = None) -> GraspPose:
-    grasp = grasp_at(view, (u_m, v_m))
-    pose = grasp_pose(view, grasp.position_held_m, grasp.normal_held, AXIS, grip)
+    pixel, _ = nearest_cloth(view, (u_m, v_m))
+    pose = grasp_pose(view, view.xyz_m[pixel], view.normal[pixel], AXIS, grip)
     assert pose is not None
     return pose
 

@@ -23,6 +23,11 @@ from flatcloth.synthesis.textures import PATTERNS, pattern_rgb
 CAMERA = camera_of((96, 128), 180.0)
 
 
+def asked(**more: object) -> Request:
+    """A request whose mesh is given otherwise."""
+    return replace(Request(mesh=Path(), out=Path()), **more)  # type: ignore[arg-type]
+
+
 def sheet_obj(folder: Path, **more: object) -> Path:
     """A bent sheet that faces the camera in view 0, held at the top of its middle."""
     vertices, triangles, flat = arc(160.0)
@@ -142,10 +147,10 @@ def test_panels_of_groups_are_told_apart(tmp_path: Path) -> None:
 )
 def test_any_axis_may_be_up(up: str, file_from_z_up: np.ndarray) -> None:
     vertices, _, _ = arc()
-    usual = hang(vertices, up="z", scale=1.0, held=None, distance_m=0.85)
-    turned = hang(vertices @ file_from_z_up.T, up=up, scale=1.0, held=None, distance_m=0.85)
+    usual = hang(vertices, asked())
+    turned = hang(vertices @ file_from_z_up.T, asked(up=up))
     assert np.allclose(turned.points_m, usual.points_m)
-    below = hang(-vertices @ file_from_z_up.T, up=f"-{up}", scale=1.0, held=None, distance_m=0.85)
+    below = hang(-vertices @ file_from_z_up.T, asked(up=f"-{up}"))
     assert np.allclose(below.points_m[:, 1], usual.points_m[:, 1])
 
 
@@ -159,7 +164,7 @@ def test_units_and_held_point_are_the_files(tmp_path: Path) -> None:
 
 def test_balanced_the_middle_hangs_below_the_held_vertex() -> None:
     vertices, _, _ = arc()
-    hung = hang(vertices, up="z", scale=1.0, held=0, distance_m=0.85, balanced=True)
+    hung = hang(vertices, asked(held_vertex=0, balance=True))
     offset = hung.points_m.mean(axis=0) - hung.held_point_m
     assert np.allclose(offset[[0, 2]], 0, atol=1e-9)
     assert offset[1] > 0
@@ -231,9 +236,9 @@ def test_loose_angles_and_axis_are_wrong_only_in_what_is_recorded(tmp_path: Path
 
 
 def test_a_swinging_item_stays_at_the_held_point() -> None:
-    hung = hang(arc()[0], up="z", scale=1.0, held=(RADIUS_M, 0.0, 0.0), distance_m=0.85)
-    asked = [Request(mesh=Path(), out=Path(), step_deg=1.0, sway_mm=sway_mm) for sway_mm in (0.0, 20.0)]
-    still, swinging = (turn(hung, each, np.random.default_rng(0)) for each in asked)
+    hung = hang(arc()[0], asked(held=(RADIUS_M, 0.0, 0.0)))
+    requests = [asked(step_deg=1.0, sway_mm=sway_mm) for sway_mm in (0.0, 20.0)]
+    still, swinging = (turn(hung, each, np.random.default_rng(0)) for each in requests)
     lowest = hung.held_point_m + np.array([0, HEIGHT_M, 0])
     moved = np.array(
         [
@@ -249,9 +254,8 @@ def test_a_swinging_item_stays_at_the_held_point() -> None:
 
 
 def test_recorded_angles_never_fall_on_each_other() -> None:
-    hung = hang(arc()[0], up="z", scale=1.0, held=None, distance_m=0.85)
-    asked = Request(mesh=Path(), out=Path(), step_deg=1.0, angle_error_deg=5.0)
-    turning = turn(hung, asked, np.random.default_rng(0))
+    loose = asked(step_deg=1.0, angle_error_deg=5.0)
+    turning = turn(hang(arc()[0], loose), loose, np.random.default_rng(0))
     recorded = np.sort(np.mod(turning.recorded_angles_deg, 360))
     assert np.diff(recorded, append=recorded[0] + 360).min() > 0.009
 

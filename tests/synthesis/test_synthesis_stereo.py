@@ -50,20 +50,7 @@ def test_what_only_one_imager_sees_and_what_has_no_texture_is_lost() -> None:
 def test_a_stereo_recording_is_that_of_the_mesh_with_the_errors_of_matching(tmp_path: Path) -> None:
     vertices, triangles, flat = arc(160.0)
     mesh = write_obj(tmp_path / "sheet.obj", vertices, triangles, flat)
-    usual = [
-        str(mesh),
-        "--step",
-        "90",
-        "--held",
-        str(RADIUS_M),
-        "0",
-        "0",
-        "--size",
-        "240",
-        "320",
-        "--focal",
-        "425",
-    ]
+    usual = f"{mesh} --step 90 --held {RADIUS_M} 0 0 --size 240 320 --focal 425".split()
     for name, more in (
         ("clean", []),
         ("stereo", ["--sensor", "stereo"]),
@@ -107,8 +94,8 @@ def test_color_is_taken_from_where_the_camera_above_sees_the_cloth() -> None:
 
 
 def test_a_twist_grows_downwards_and_leaves_heights_and_the_held_point() -> None:
-    vertices, _, _ = arc()
-    hung = hang(vertices, up="z", scale=1.0, held=(RADIUS_M, 0.0, 0.0), distance_m=0.85)
+    asked = Request(mesh=Path(), out=Path(), held=(RADIUS_M, 0.0, 0.0), step_deg=90.0, twist_deg=2.0)
+    hung = hang(arc()[0], asked)
     moved = twisted(hung, 10.0) - hung.held_point_m
     still = hung.points_m - hung.held_point_m
     assert np.allclose(moved[:, 1], still[:, 1])
@@ -117,7 +104,6 @@ def test_a_twist_grows_downwards_and_leaves_heights_and_the_held_point() -> None
     turned = np.degrees(np.arctan2(moved[:, 0], moved[:, 2]) - np.arctan2(still[:, 0], still[:, 2]))[off]
     turned = np.mod(turned + 180, 360) - 180
     assert np.allclose(turned, 10.0 * still[off, 1] / HEIGHT_M, atol=1e-6)
-    asked = Request(mesh=Path(), out=Path(), step_deg=90.0, twist_deg=2.0)
     turning = turn(hung, asked, np.random.default_rng(0))
     assert turning.twist_deg[0] == 0.0
     assert min(np.abs(turning.twist_deg[1:])) > 0

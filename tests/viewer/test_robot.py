@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
-from flatcloth.grasping.grasps import grasp_at
+from flatcloth.export.garment import pick_at
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Start
 from flatcloth.session.store import SessionFolder
@@ -234,9 +234,8 @@ def test_a_pick_on_a_floating_piece_has_its_pixel_there_and_the_piece_is_not_in_
         shape = integration.canonical(folder.state.document)
         (piece,) = shape.floating
         row, col = (int(n.mean()) for n in np.nonzero(piece.valid))
-        u_m, v_m = piece.uv_from_rc(np.array([row, col]))
-        grasp = grasp_at(piece, (float(u_m), float(v_m)))
-        folder.add_pick("upper", grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc)
+        pick = pick_at(piece, (row, col), 1, "upper")
+        folder.add_pick("upper", pick.position_held_m, pick.normal_held, pick.view_index, pick.source_rc)
         with PageServer(Opened(integration, folder)) as running:
             while (answer := ask(running, "/robot/grasps")).status_code != 200:
                 pass

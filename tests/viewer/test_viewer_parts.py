@@ -182,12 +182,8 @@ def test_differences_are_mapped_over_the_common_cloth_only(client, shown):
 
 
 def test_a_heat_map_saturates_at_its_legend():
-    far = SimpleNamespace(
-        color=np.array([[0.0, 32.0, 64.0, 200.0]]),
-        height_m=np.zeros((1, 4)),
-        distance_m=np.zeros((1, 4)),
-        common=np.ones((1, 4), dtype=bool),
-    )
+    color = np.array([[0.0, 32.0, 64.0, 200.0]], np.float32)
+    far = {"color": color, "position": np.zeros((1, 4), np.float32)}
     image = difference_rgba(far, "color")[0, :, :3]
     table = color_table("loss")
     np.testing.assert_array_equal(image[[0, 2, 3]], table[[0, 255, 255]])

@@ -17,7 +17,7 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.diagnostics import Reasons, reasons
 from flatcloth.engine.result import Areas, Result, result_of
-from flatcloth.export.history import FLAGS, SUSPECT, Flags, overridden, read_history
+from flatcloth.export.history import FLAGS, SUSPECT, flags_of, overridden, read_history
 from flatcloth.flattening.surface import item_mask
 from flatcloth.methods.answers import ZAngleLine
 from flatcloth.rendering.pictures import jpeg_thumbnail, picture_thumbnail, webp
@@ -38,7 +38,7 @@ class ReviewService:
     def __init__(self, page: PageController) -> None:
         self._page, integration = page, page.integration
         self._areas = Areas(integration)
-        self._flags = Flags(integration.accept_score)
+        self._overridden: frozenset[int] = frozenset()
         self._read: tuple[Accepted, ...] | None = None
         self._document: Document | None = None
         self._results: Cache[Result] = Cache(4)
@@ -65,7 +65,9 @@ class ReviewService:
         areas, missing = self._areas, self._areas.missing(document)
         if not missing and self._read == document.accepted:
             return
-        steps: list[Callable[[], Flags | None]] = [partial(areas.compute, document, n) for n in missing]
+        steps: list[Callable[[], frozenset[int] | None]] = [
+            partial(areas.compute, document, n) for n in missing
+        ]
         for step in (*steps, self._history):
             self._page.executor.compute(
                 "review",
@@ -86,10 +88,10 @@ class ReviewService:
 
     def of_views(self, document: Document) -> dict[int, dict[str, Any]]:
         """Return order, area added and flags of the decided views, as fields of their rows."""
-        added = self._areas.added_m2(document)
+        added, limit = self._areas.added_m2(document), self._page.integration.accept_score
         rows = {}
         for order, view in enumerate(document.views_in_order):
-            flags = self._flags.of(document.accepted[order - 1]) if order else ()
+            flags = flags_of(document.accepted[order - 1], limit, self._overridden) if order else ()
             area = added[order]
             rows[view] = {
                 "flagged": not SUSPECT.isdisjoint(flags),
@@ -105,16 +107,16 @@ class ReviewService:
         place = hash((axis.point_m.tobytes(), axis.direction.tobytes(), document.strokes)) & 0xFFFFFFFF
         return ReviewInfo(token=f"{self._token}{place:x}", flags=FLAGS)
 
-    def _history(self) -> Flags:
+    def _history(self) -> frozenset[int]:
         """Read what was decided otherwise before."""
         limit, place = self._page.integration.accept_score, self._page.place
-        return Flags(limit) if place is None else Flags(limit, overridden(read_history(place), limit))
+        return frozenset() if place is None else overridden(read_history(place), limit)
 
-    def _take(self, document: Document, made: Flags | str | None) -> None:
+    def _take(self, document: Document, made: frozenset[int] | str | None) -> None:
         if isinstance(made, str):
             _log.warning("the review is incomplete: %s", made)
         elif made is not None:  # the last step
-            self._flags, self._read = made, document.accepted
+            self._overridden, self._read = made, document.accepted
             self._page.publish()
 
     # --- from the web server's threads -------------------------------------------------------

@@ -13,13 +13,14 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import camera_from_object, object_from_camera
 from flatcloth.core.types import FlattenedView, Floats, RotationAxis
 from flatcloth.engine.integration import Integration
+from flatcloth.export.garment import pick_at
 from flatcloth.grasping.grasps import (
     LOST_AT_M,
     GraspPose,
     Grip,
     axis_by_hand,
-    grasp_at,
     grasp_pose,
+    nearest_cloth,
     pixel_of_point,
     point_on_ray,
 )
@@ -95,19 +96,13 @@ class PickStore:
         side: SheetSide = "this",
     ) -> None:
         """Pick the cloth of a side nearest to a position of its plane, and show the pick."""
-        grasp = grasp_at(_shown(picture).side(side), (u_m, v_m))
+        view = _shown(picture).side(side)
+        pixel, off_m = nearest_cloth(view, (u_m, v_m))
         number = max((p.id for p in self._folder.picks), default=0) + 1
-        self._loose = pick = Pick(
-            id=number,
-            name=name or f"Pick {number}",
-            position_held_m=grasp.position_held_m,
-            normal_held=grasp.normal_held,
-            view_index=grasp.view_index,
-            source_rc=grasp.source_rc,
-            side=side,
-        )
-        self._added(pick, grasp.uv_m)
-        self._current = number, grasp.miss_m if miss_m is None else miss_m
+        self._loose = pick = pick_at(view, pixel, number, name or f"Pick {number}", side)
+        u_m, v_m = view.uv_from_rc(np.array(pixel)).tolist()
+        self._added(pick, (u_m, v_m))
+        self._current = number, off_m if miss_m is None else miss_m
 
     def add_on_ray(
         self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
@@ -141,7 +136,7 @@ class PickStore:
             (u_m, v_m), distance_m, side = on.uv_m, on.distance_m, on.side
         else:
             u_m, v_m = place
-            distance_m = grasp_at(picture.view, (u_m, v_m)).miss_m
+            _, distance_m = nearest_cloth(picture.view, (u_m, v_m))
         if distance_m > TOO_FAR_M:
             raise FlatclothError(f"The nearest cloth is {1000 * distance_m:.0f} mm away; give another point.")
         self.add(picture, u_m, v_m, miss_m=distance_m, name=name.strip(), side=side)

@@ -43,7 +43,7 @@ from flatcloth.grasping.visibility import Projection, Visibility, project
 from flatcloth.methods.answers import AlignmentScore, JoinedPiece, JoinedSides, Placement
 from flatcloth.methods.paper.merging import shows
 from flatcloth.recordings.base import Recording, fingerprint
-from flatcloth.rendering.layers import CONFLICT_M, DIFFERENCES, difference, difference_legend, legends
+from flatcloth.rendering.layers import CONFLICT_M, difference, difference_legends, legends
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.document import Document, Pending
 from flatcloth.session.journal import SheetSide
@@ -333,11 +333,11 @@ def _checks(
     sheet: Sheet, view: FlattenedView, score: AlignmentScore, axis: RotationAxis
 ) -> tuple[sent.Check, ...]:
     """Return the checks: title, value and limit with their unit, whether it is passed, where it is worst."""
-    apart = difference(sheet.view, view, axis)
-    common = apart.common
-    median_mm = 1000 * float(np.median(apart.distance_m[common])) if common.any() else float("nan")
+    apart_m = difference(sheet.view, view, axis)["position"]
+    common = np.isfinite(apart_m)
+    median_mm = 1000 * float(np.median(apart_m[common])) if common.any() else float("nan")
     with np.errstate(invalid="ignore"):
-        far = common & (apart.distance_m * 1000 > APART_LIMIT_MM)
+        far = common & (apart_m * 1000 > APART_LIMIT_MM)
     twice, other = (score.parts.get(name, float("nan")) for name in ("twice_share", "other_cloth_share"))
     shared, limit = _middle(view, common), 100 * SHARE_LIMIT
     worst = _middle(view, far) or shared
@@ -584,7 +584,7 @@ def _overlay_info(picture: Picture) -> sent.OverlayInfo | None:
         revision=overlay.revision,
         view_index=overlay.view_index,
         center_uv_m=shown_center_uv_m(pending, overlay),
-        differences={kind: typed(difference_legend(kind), sent.Legend) for kind in DIFFERENCES},
+        differences={kind: typed(each, sent.Legend) for kind, each in difference_legends().items()},
         placement=overlay.shown(pending),
         **grid_of(overlay.view),
     )

@@ -11,7 +11,8 @@ from starlette.responses import PlainTextResponse, Response
 from flatcloth.export.by_name import MEDIA, made
 from flatcloth.export.data import is_floating_file
 from flatcloth.export.growth import Kept
-from flatcloth.export.session import of_page
+from flatcloth.export.history import read_history
+from flatcloth.export.session import OpenedSession
 from flatcloth.viewer.http import RefusedError, made_for
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.worker import one_at_a_time
@@ -43,7 +44,8 @@ class ExportRoutes:
 
         def make(check: Callable[[], None]) -> bytes:
             with one_at_a_time(check):
-                opened = of_page(self._page.integration, self._page.folder, lambda *_: check(), self._kept)
+                history, integration = read_history(self._page.folder.folder), self._page.integration
+                opened = OpenedSession(history, integration, lambda *_: check(), self._kept)
                 check()
                 return made(opened, name)
 

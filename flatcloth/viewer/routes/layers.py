@@ -12,7 +12,7 @@ from starlette.routing import BaseRoute
 from flatcloth.checking.check import checked
 from flatcloth.checking.findings import Check
 from flatcloth.core.cache import Cache
-from flatcloth.core.types import Bool, Floats, Uint8
+from flatcloth.core.types import Bool, Float32, Floats, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.result import missing_pixels, states_of
 from flatcloth.engine.warmup import wait_until_compiled
@@ -22,7 +22,6 @@ from flatcloth.recordings.base import source_options
 from flatcloth.rendering import layers
 from flatcloth.rendering.drawing import data_url
 from flatcloth.rendering.evidence import evidence
-from flatcloth.rendering.layers import Difference
 from flatcloth.rendering.pictures import jpeg
 from flatcloth.rendering.sides import state_legend, state_rgba
 from flatcloth.viewer import http
@@ -37,7 +36,7 @@ PICTURES_KEPT = 16
 def layer_routes(page: PageController) -> list[BaseRoute]:
     """Return the routes of the pictures of what a page shows."""
     pngs: Cache[bytes | None] = Cache(PICTURES_KEPT)
-    differences: Cache[Difference] = Cache(1)
+    differences: Cache[dict[str, Float32]] = Cache(1)
 
     def serve(request: Request) -> bytes | None:
         """Return a picture; None if it is outdated or unknown.
