@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
+from flatcloth.core.errors import ConfigError, JournalError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
 from flatcloth.engine.outcome import has_other_side
@@ -194,32 +194,3 @@ def open_session(
     except ConfigError as error:
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     return OpenedSession(history, integration, progress)
-
-
-def of_page(
-    integration: Integration, folder: object, progress: Progress = no_progress, kept: Kept | None = None
-) -> OpenedSession:
-    """Return the session of an open page for export.
-
-    Parameters
-    ----------
-    integration : Integration
-        The page's integration; safe to use from several threads.
-    folder : object
-        The page's session folder.
-    progress : callable
-        Called with the progress of the work; may raise ``CancelledError``.
-    kept : Kept, optional
-        What earlier exports of the page computed.
-
-    Raises
-    ------
-    FlatclothError
-        If the session is not saved on disk.
-    JournalError
-        If the folder cannot be read.
-    """
-    path = getattr(folder, "folder", None)
-    if path is None:
-        raise FlatclothError("This session is not saved on disk, so it cannot be exported; use --session.")
-    return OpenedSession(read_history(path), integration, progress, kept or Kept())

@@ -102,7 +102,7 @@ class ActiveApplication(Application):
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of a session, and those by which a robot turns the item."""
-        service = ActiveService(self.loop, self._eye, self.base_from_camera, self.take_view)
+        service = ActiveService(self.loop, self._eye, lambda: self.base_from_camera, self.take_view)
         return [*super().routes(), *active_routes(service)]
 
     def take_view(self, view: SeenView, answers: int | None = None) -> Taken:
@@ -276,7 +276,7 @@ class ActiveApplication(Application):
     def _write(self) -> None:
         """Write the result to the folder when the loop has ended."""
         try:
-            self.answered(self.loop.write)
+            self.answered(lambda: self.loop.write(self.base_from_camera))
         except FlatclothError as error:
             self._put(None, functools.partial(self.tell, None, "error", str(error)))
 

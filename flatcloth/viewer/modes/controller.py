@@ -12,7 +12,6 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -72,8 +71,7 @@ class PageController(ABC):
 
     def __init__(self, integration: Integration, folder: SessionFolder, scene: Scene, tabs: Hub) -> None:
         self.integration, self.folder, self.scene, self.tabs = integration, folder, scene, tabs
-        self.place: Path | None = folder.folder
-        self.settings = SettingsStore(self.place, Settings(auto_threshold=integration.accept_score))
+        self.settings = SettingsStore(folder.folder, Settings(auto_threshold=integration.accept_score))
         self._auto = AutoInfo()
         self._log: tuple[sent.Note, ...] = ()
         self._picks = PickStore(folder, integration, self._highlight)

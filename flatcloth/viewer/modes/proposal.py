@@ -12,7 +12,7 @@ from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore, fit_pairs
 from flatcloth.engine.sheet import is_on_shape
-from flatcloth.session.document import Document, Pending, accept
+from flatcloth.session.document import LEAST_MOVE_M, LEAST_TURN_RAD, Document, Pending, accept
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -29,11 +29,6 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picture import Overlay, Picture, shown_center_uv_m
 from flatcloth.viewer.protocol.sent import AutoInfo, PairsAnswer, PreviewAnswer
 from flatcloth.viewer.protocol.settings import Settings
-
-_STILL_MM = 0.05
-"""Smaller motions are reported as none. Chosen: half of the last digit shown."""
-_STILL_DEG = 0.005
-"""See ``_STILL_MM``."""
 
 
 def preview(
@@ -115,11 +110,11 @@ def refined_motion(pending: Pending, found: RefinedScore, center: Float64) -> tu
     """Return the motion of a refinement, None if it is negligible, and a text for the operator."""
     by = found.refined @ pending.current_from_new.inverse()
     moved = by.apply(center) - center
-    shift_mm, turn_deg = 1000 * math.hypot(*moved.tolist()), math.degrees(abs(by.theta_rad))
-    if shift_mm < _STILL_MM and turn_deg < _STILL_DEG:
+    shift_m, turn_rad = math.hypot(*moved.tolist()), abs(by.theta_rad)
+    if shift_m < LEAST_MOVE_M and turn_rad < LEAST_TURN_RAD:
         return None, "Refining from here changes nothing."
     return by, (
-        f"Refined: moved by {shift_mm:.1f} mm and {turn_deg:.1f}\u00b0;"
+        f"Refined: moved by {1000 * shift_m:.1f} mm and {math.degrees(turn_rad):.1f}\u00b0;"
         f" score {found.score.total:.2f}, now {found.refined_score.total:.2f}."
     )
 

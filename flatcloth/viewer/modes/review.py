@@ -79,7 +79,7 @@ class ReviewService:
         """Keep how far the session is, for lists of sessions."""
         picture = self._page.picture
         if picture is not None and picture.sheet is not None and picture.document is not None:
-            sheet, folder, known = picture.sheet, self._page.place, self._page.garments.last
+            sheet, folder, known = picture.sheet, self._page.folder.folder, self._page.garments.last
             keep_summary(
                 folder, picture.document, sheet.shape_m2, sheet.floating_m2, known.kind if known else ""
             )
@@ -107,8 +107,8 @@ class ReviewService:
 
     def _history(self) -> Flags:
         """Read what was decided otherwise before."""
-        limit, place = self._page.integration.accept_score, self._page.place
-        return Flags(limit) if place is None else Flags(limit, overridden(read_history(place), limit))
+        limit = self._page.integration.accept_score
+        return Flags(limit, overridden(read_history(self._page.folder.folder), limit))
 
     def _take(self, document: Document, made: Flags | str | None) -> None:
         if isinstance(made, str):

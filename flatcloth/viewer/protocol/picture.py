@@ -438,10 +438,9 @@ def place_under(
     return sent.SourcePlace(view_index=view_index, rc=(float(place.row), float(place.col)))
 
 
-def outline_of(view: FlattenedView, motion: Rigid2 | None = None) -> list[list[UV]]:
-    """Return the borders of a view on its plane, or moved, to tenths of a millimetre."""
-    loops = outline_loops(view)
-    return [np.round(loop if motion is None else motion.apply(loop), 4).tolist() for loop in loops]
+def outline_of(view: FlattenedView) -> list[list[UV]]:
+    """Return the borders of a view on its plane, to tenths of a millimetre."""
+    return [np.round(loop, 4).tolist() for loop in outline_loops(view)]
 
 
 def of_session(

@@ -11,7 +11,8 @@ from starlette.responses import PlainTextResponse, Response
 from flatcloth.export.by_name import MEDIA, made
 from flatcloth.export.data import is_floating_file
 from flatcloth.export.growth import Kept
-from flatcloth.export.session import of_page
+from flatcloth.export.history import read_history
+from flatcloth.export.session import OpenedSession
 from flatcloth.viewer.http import RefusedError, made_for
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.worker import one_at_a_time
@@ -41,18 +42,21 @@ class ExportRoutes:
         if self.waiting >= MOST_WAITING:
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
 
+        page = self._page
+
         def make(check: Callable[[], None]) -> bytes:
             with one_at_a_time(check):
-                opened = of_page(self._page.integration, self._page.folder, lambda *_: check(), self._kept)
+                history = read_history(page.folder.folder)
+                opened = OpenedSession(history, page.integration, lambda *_: check(), self._kept)
                 check()
                 return made(opened, name)
 
         self.waiting += 1
         try:
-            data = await made_for(request, self._page.executor, "export", make, f"exporting {name}")
+            data = await made_for(request, page.executor, "export", make, f"exporting {name}")
         finally:
             self.waiting -= 1
         # As a download, never shown with the page's origin: its texts come from the recording.
-        stem = re.sub(r"[^A-Za-z0-9._-]+", "-", self._page.integration.recording.name).strip("-.")[:60]
+        stem = re.sub(r"[^A-Za-z0-9._-]+", "-", page.integration.recording.name).strip("-.")[:60]
         headers = {"Content-Disposition": f'attachment; filename="{stem or "flatcloth"}-{name}"'}
         return Response(data, media_type=media, headers=headers)
