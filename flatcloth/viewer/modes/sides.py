@@ -30,7 +30,7 @@ from flatcloth.session.journal import SheetSide
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.picture import Picture, place_in_view
+from flatcloth.viewer.protocol.picture import Frame, place_in_view
 from flatcloth.viewer.protocol.sent import ItemBox, SidesInfo, StrokeAdvice
 from flatcloth.viewer.worker import Background, Check
 
@@ -71,7 +71,7 @@ class SideController:
     # --- decisions -----------------------------------------------------------------------------
 
     def decision(
-        self, message: messages.StrokeImage | messages.StrokeShape, picture: Picture | None
+        self, message: messages.StrokeImage | messages.StrokeShape, picture: Frame | None
     ) -> Decision:
         """Return the decision in a message of the page.
 
@@ -95,7 +95,7 @@ class SideController:
                 return SpaceStroke(side=side, points_m=places, normals=normals, radius_m=radius)
 
     def dab(
-        self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
+        self, picture: Frame | None, points_m: Floats, origin_m: Floats, direction: Floats
     ) -> ImageStroke | None:
         """Return the stroke of a click in the scene: a ray of the eye; None if it hits no cloth.
 
@@ -256,7 +256,7 @@ class SideController:
             return png(small_side_rgba(*known, small_shape(*labels.side.shape), strokes, doubt=doubt))
         return png(side_rgba(*known, labels.offset_rc, shape, strokes, doubt=doubt))
 
-    def _shape_png(self, picture: Picture | None) -> bytes | None:
+    def _shape_png(self, picture: Frame | None) -> bytes | None:
         found = self._found
         if found is None or picture is None:
             return None
@@ -274,7 +274,7 @@ class SideController:
 
 
 def on_cloth(
-    picture: Picture | None, line_uv_m: tuple[tuple[float, float], ...], sheet: SheetSide = "this"
+    picture: Frame | None, line_uv_m: tuple[tuple[float, float], ...], sheet: SheetSide = "this"
 ) -> tuple[tuple[Point3, ...], tuple[Point3, ...]]:
     """Return places and normals, object frame, of the points of a line that lie on the cloth of a side.
 
