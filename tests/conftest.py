@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from viewer_fakes import CylinderIntegration, MemoryFolder
+from viewer_fakes import CylinderIntegration, new_session
 
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
@@ -41,13 +42,16 @@ def integration() -> CylinderIntegration:
 
 
 @pytest.fixture
-def folder() -> MemoryFolder:
-    return MemoryFolder()
+def folder() -> Iterator[SessionFolder]:
+    """A new session of the cylinder."""
+    opened = new_session()
+    yield opened
+    opened.close()
 
 
 @pytest.fixture
-def server(integration: CylinderIntegration, folder: MemoryFolder) -> Iterator[PageServer]:
-    """The page's server over an exact cylinder, with its session in memory."""
+def server(integration: CylinderIntegration, folder: SessionFolder) -> Iterator[PageServer]:
+    """The page's server over an exact cylinder, with a new session."""
     with PageServer(Opened(integration, folder)) as running:
         yield running
         integration.gate.set()

@@ -4,8 +4,10 @@ View ``i`` sees the half of a cylinder that faces the camera; the flattened plan
 side, so every place has a closed form: ``u = radius * angle about the axis``, ``v = height``.
 """
 
+import tempfile
 import threading
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,16 +20,17 @@ from flatcloth.engine.placing import RefinedScore
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.answers import AlignmentScore, Canonical
 from flatcloth.session.document import Document, PlacedPart, Side
-from flatcloth.session.journal import Pick, PickDeleted, PickRenamed
+from flatcloth.session.header import read_header, state_folder
+from flatcloth.session.journal import JOURNAL, Entry, Replay, read_journal
 from flatcloth.session.machine import (
     Event,
     NothingMore,
     Proposed,
     Request,
-    SessionState,
     Started,
-    apply,
 )
+from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.server.workspace import Opened
 
 RADIUS_M = 0.15
 HEIGHT_M = 0.30
@@ -227,35 +230,21 @@ class CylinderIntegration:
         return Proposed(request.token, view, Rigid2(), Side.LEFT, self.scores, also=self.also)
 
 
-class MemoryFolder:
-    """What a session folder does, without a disk; settings and grips are in memory, too."""
+def new_session() -> SessionFolder:
+    """A session of the cylinder, below the test's own folder."""
+    place = state_folder()
+    place.mkdir(parents=True, exist_ok=True)
+    return SessionFolder.open(Path(tempfile.mkdtemp(dir=place)), CylinderRecording(), Config(), "paper")
 
-    folder, take_notices = None, tuple
 
-    def __init__(self, n_views: int = 12) -> None:
-        self.state = SessionState(n_views=n_views)
-        self.recorded: list[Any] = []
-        self.picks: tuple[Pick, ...] = ()
-        self._next = 1
+def entries_of(folder: SessionFolder) -> list[Entry]:
+    """What was recorded in a session, in order."""
+    journal = folder.folder / JOURNAL
+    lines = read_journal(journal, journal.read_bytes(), Replay.of(read_header(folder.folder)))
+    return [line.entry for line, _ in lines]
 
-    def record(self, command: Any) -> None:
-        match command:
-            case PickRenamed(pick_id, name):
-                self.picks = tuple(replace(p, name=name) if p.id == pick_id else p for p in self.picks)
-            case PickDeleted(pick_id):
-                self.picks = tuple(p for p in self.picks if p.id != pick_id)
-            case _:
-                self.state = apply(self.state, command)
-                self.recorded.append(command)
 
-    def add_pick(self, name, position_held_m, normal_held, view_index, source_rc, side="this") -> Pick:
-        pick = Pick(
-            id=self._next, name=name, position_held_m=position_held_m, normal_held=normal_held,
-            view_index=view_index, source_rc=source_rc, side=side,
-        )  # fmt: skip
-        self._next += 1
-        self.picks = (*self.picks, pick)
-        return pick
-
-    def close(self) -> None:
-        pass
+def cylinder(*_: object) -> Opened:
+    """The cylinder as the page opens it, whatever is asked for, with a new session."""
+    folder = new_session()
+    return Opened(CylinderIntegration(), folder, close=folder.close)  # type: ignore[arg-type]

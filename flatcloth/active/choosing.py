@@ -13,7 +13,7 @@ the seen cloth grows by it, ``V - V_seen`` as the inverse of its area.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -66,9 +66,31 @@ class OtherSide:
         return OtherSide(area_m2=self.area_m2, new_m2=new_m2, seams_m2=seams_m2, shares=shares)
 
 
-def of_other_side(
-    both: GarmentService, document: Document, known: KnownGarment | str, knowledge: Knowledge, goal: Goal
-) -> OtherSide | None:
+@dataclass(frozen=True, kw_only=True)
+class Learnt:
+    """What a loop has learnt: the garment, or why there is none, what follows from it, and the other side.
+
+    ``other`` is what further views are expected to show of the other side, as far as the goal needs it. The
+    garment is known by the first so many ``views``; the area may be of later ones, too. ``before`` is what
+    fewer views told.
+    """
+
+    known: KnownGarment | str = "No view was taken yet."
+    knowledge: Knowledge = field(default_factory=Knowledge)
+    both: GarmentService | None = None
+    other: OtherSide | None = None
+    views: int = 0
+    before: Knowledge = field(default_factory=Knowledge)
+
+    def missing_points(self, goal: Goal) -> Iterator[tuple[str, tuple[Float64, float]]]:
+        """Yield the wanted points that are not known well enough: place on the plane, standard deviation."""
+        if not isinstance(self.known, str):
+            for name in self.knowledge.missing(goal):
+                if name in self.knowledge.points:
+                    yield name, (self.known.found.points[name].uv_m, self.knowledge.point(name).std_m)
+
+
+def of_other_side(both: GarmentService, document: Document, learnt: Learnt, goal: Goal) -> OtherSide | None:
     """Return what views are expected to show of the other side; None if there is none."""
     found = both.joined_before(document)
     if found is None:
@@ -76,11 +98,10 @@ def of_other_side(
     sides, other, its = found
     grid = np.arange(0.0, 360.0, GRID_DEG).tolist()
     angles, area_m2 = [*other.views.angles_deg, *grid], sides.other.view.area_m2
-    shares = {}
-    if sides.is_related and not isinstance(known, str):
-        for name in (name for name in knowledge.missing(goal) if name in known.found.points):
-            place, std_m = known.found.points[name].uv_m * MIRROR, knowledge.point(name).std_m
-            shares[name] = shares_around(other.algorithm, its, angles, (place, std_m), area_m2)
+    shares = {
+        name: shares_around(other.algorithm, its, angles, (uv_m * MIRROR, std_m), area_m2)
+        for name, (uv_m, std_m) in (learnt.missing_points(goal) if sides.is_related else ())
+    }
     return OtherSide(
         area_m2=area_m2,
         new_m2=np.array([c.new_m2 for c in in_order(other.algorithm.look_ahead(its, angles))]),
@@ -190,12 +211,10 @@ def free_angles_deg(taken_deg: Sequence[float]) -> list[float]:
 def choose_next(
     integration: Integration,
     document: Document,
-    known: KnownGarment | str,
-    knowledge: Knowledge,
+    learnt: Learnt,
     goal: Goal,
     stands_deg: float,
     scale: float = 1.0,
-    other: OtherSide | None = None,
     kept: float = 1.0,
 ) -> Next | None:
     """Return the next angle, or None if no angle is left, or the method ends.
@@ -204,8 +223,8 @@ def choose_next(
     ----------
     integration, document
         The views so far, and the decisions about them.
-    known, knowledge
-        The garment so far, or the reason for none, and what is known by it.
+    learnt : Learnt
+        What is known by them.
     goal : Goal
         What is to be known.
     stands_deg : float
@@ -213,9 +232,8 @@ def choose_next(
     scale, kept : float
         What the last views brought, as a share of what was expected of them: ``scale`` for the choice, which
         may hope for more, ``kept`` for what is said of it.
-    other : OtherSide, optional
-        What views are expected to show of the other side, as far as the goal needs it.
     """
+    knowledge, other = learnt.knowledge, learnt.other
     taken = integration.views.angles_deg
     free = free_angles_deg(taken)
     angles = [*taken, *free]
@@ -233,7 +251,7 @@ def choose_next(
     joined_m2 = 0.5 * novel * np.array([c.floating_m2 for c in rated])
     new_m2 = np.array([c.new_m2 - c.joining_m2 for c in rated]) + joined_m2
     joins, beyond_m2 = FLOATING + (1.0 - FLOATING) * overlap, np.zeros(len(free))
-    shares = _shares(integration, document, known, knowledge, goal, angles, joined_m2)
+    shares = _shares(integration, document, learnt, goal, angles, joined_m2)
     grown = 1.0 + scale * new_m2 / max(knowledge.area_m2, least_m2)
     gains = new_m2 * joins
     if other is not None:  # its views need no overlap: they are placed by the camera poses
@@ -280,8 +298,7 @@ def choose_next(
 def _shares(
     integration: Integration,
     document: Document,
-    known: KnownGarment | str,
-    knowledge: Knowledge,
+    learnt: Learnt,
     goal: Goal,
     angles_deg: Sequence[float],
     joined_m2: Float64,
@@ -290,18 +307,15 @@ def _shares(
 
     First that which would be seen well for the first time, then that which would be seen again.
     """
+    known, knowledge, shares = learnt.known, learnt.knowledge, {}
     if isinstance(known, str) or not knowledge.points:
         return {}
-    shares = {}
     # The cloth of a point that was not seen is on a piece that floats, or elsewhere of what is missing.
     canonical = known.canonical
     missing_m2 = abs(signed_area(known.found.outline_uv_m)) - canonical.view.area_m2
     missing_m2 = max(missing_m2, sum(piece.area_m2 for piece in canonical.floating))
     on_floating = joined_m2 / max(missing_m2, float(joined_m2.max()), 1e-6)
-    for name in knowledge.missing(goal):
-        if name not in knowledge.points:
-            continue
-        at = known.found.points[name].uv_m, knowledge.point(name).std_m
+    for name, at in learnt.missing_points(goal):
         new, again = shares_around(integration.algorithm, document, angles_deg, at, knowledge.area_m2)
         shares[name] = np.minimum(1.0, new + (0.0 if knowledge.point(name).seen else on_floating)), again
     return shares
@@ -358,13 +372,7 @@ def elsewhere(taken_deg: Sequence[float], stands_deg: float) -> Next | End:
 
 
 def end_of(
-    following: Next | None,
-    known: KnownGarment | str,
-    knowledge: Knowledge,
-    goal: Goal,
-    least_new_m2: float,
-    *,
-    is_exhausted: bool,
+    following: Next | None, learnt: Learnt, goal: Goal, least_new_m2: float, *, is_exhausted: bool
 ) -> End | None:
     """Return the end of a loop whose best next view is ``following``; None if that is worth its turn.
 
@@ -372,11 +380,12 @@ def end_of(
     last ones brought nothing. A missing point with a known place whose cloth was seen gets surer with
     every view.
     """
+    knowledge = learnt.knowledge
     missing = knowledge.missing(goal)
     if following is not None:
         if missing and set(missing) <= set(following.hidden):
             cause = f"{' and '.join(missing)} cannot be known: hidden in a fold from every angle."
-            return _unknowable(cause, known, knowledge, goal)
+            return _unknowable(cause, learnt, goal)
         is_worth = math.isnan(following.most_new_m2) or following.most_new_m2 >= least_new_m2
         points = [knowledge.point(name) for name in missing]
         if (is_worth and not is_exhausted) or any(p.seen and p.std_m <= APART_M for p in points):
@@ -388,16 +397,16 @@ def end_of(
             text = f"Views stand all round, and the last ones added less than {1e4 * least_new_m2:.0f} cm2"
         return End(reached=True, reason=f"{text}: {knowledge.about(goal)} are known.")
     what = "The kind" if goal.about == "kind" else " and ".join(missing)
-    return _unknowable(f"{what} cannot be known: no angle shows more cloth.", known, knowledge, goal)
+    return _unknowable(f"{what} cannot be known: no angle shows more cloth.", learnt, goal)
 
 
-def _unknowable(cause: str, known: KnownGarment | str, knowledge: Knowledge, goal: Goal) -> End:
-    hidden = knowledge.missing(goal)
-    regrasp = None if not hidden else regrasp_at(known, hidden[0])
+def _unknowable(cause: str, learnt: Learnt, goal: Goal) -> End:
+    hidden = learnt.knowledge.missing(goal)
+    regrasp = None if not hidden else regrasp_at(learnt.known, hidden[0])
     where = "the item" if regrasp is None else f"at {regrasp.name}"
     return End(
         reached=False,
-        reason=f"{cause} Re-grasp {where}. So far: {knowledge.about(goal)}.",
+        reason=f"{cause} Re-grasp {where}. So far: {learnt.knowledge.about(goal)}.",
         hidden=hidden,
         regrasp=regrasp,
     )

@@ -14,15 +14,15 @@ import math
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from flatcloth.active.choosing import (
     FIRST,
     End,
+    Learnt,
     Next,
-    OtherSide,
     Waiting,
     choose_next,
     elsewhere,
@@ -65,22 +65,6 @@ from flatcloth.session.store import SessionFolder
 
 RECORDING = "recording"
 """The folder of the growing recording, in that of the session."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Learnt:
-    """What a loop has learnt: the garment, or why there is none, what follows from it, and the other side.
-
-    ``other`` is what further views are expected to show of the other side. The garment is known by the first
-    so many ``views``; the area may be of later ones, too. ``before`` is what fewer views told.
-    """
-
-    known: KnownGarment | str = "No view was taken yet."
-    knowledge: Knowledge = field(default_factory=Knowledge)
-    both: GarmentService | None = None
-    other: OtherSide | None = None
-    views: int = 0
-    before: Knowledge = field(default_factory=Knowledge)
 
 
 class ActiveLoop:
@@ -263,12 +247,7 @@ class ActiveLoop:
         with contextlib.suppress(RecordingError):  # without a view, or damaged, which the writer reports
             begun = open_folder(folder / RECORDING)
         if begun is not None:
-            camera, unit_m = begun.intrinsics, begun.depth_scale_m
-            self._begin(
-                RecordingWriter(
-                    begun.location, name=begun.name, intrinsics=camera, depth_scale_m=unit_m, resume=True
-                )
-            )
+            self._begin(name=begun.name, intrinsics=begun.intrinsics, depth_scale_m=begun.depth_scale_m)
             for number in range(self.views):
                 if number not in self.document.used_views | {r.view_index for r in self.document.rejected}:
                     self._integrated(number)
@@ -276,8 +255,9 @@ class ActiveLoop:
             self._learn()
             self._ask(self._decided())
 
-    def _begin(self, writer: RecordingWriter) -> None:
-        """Own the recording of a writer; integrate it if it has views."""
+    def _begin(self, **about: Any) -> None:
+        """Open the recording, new with what is said ``about`` it; integrate it if it has views."""
+        writer = RecordingWriter(self.folder / RECORDING, resume=True, **about)
         self._recording = GrowingRecording(writer)
         self._stack.callback(self._recording.close)
         if len(writer):
@@ -335,16 +315,12 @@ class ActiveLoop:
     def _written(self, view: SeenView) -> int:
         if self._recording is None:
             self._begin(
-                RecordingWriter(
-                    self.folder / RECORDING,
-                    name=self.name,
-                    description=f"taken by an active loop, by {view.source}",
-                    intrinsics=view.intrinsics,
-                    depth_scale_m=DEPTH_SCALE_M,
-                    rotation_axis=view.axis,
-                    held_point_m=view.held_point_m,
-                    resume=True,
-                )
+                name=self.name,
+                description=f"taken by an active loop, by {view.source}",
+                intrinsics=view.intrinsics,
+                depth_scale_m=DEPTH_SCALE_M,
+                rotation_axis=view.axis,
+                held_point_m=view.held_point_m,
             )
         assert self._recording is not None
         number = self._recording.add(view.angle_deg, view.color, depth_units(view.depth_m), view.mask)
@@ -430,19 +406,19 @@ class ActiveLoop:
         if self.garments is None or document.start_view is None:
             return
         before = last.before if last.views == views else last.knowledge
-        integration, both, other = self.garments.integration, None, None
+        integration = self.garments.integration
         area_m2 = integration.canonical(document).view.area_m2
         known = known_with_pieces(self.garments, document)
         knowledge = knowledge_of(area_m2, known).sobered(before)
+        learnt = Learnt(known=known, knowledge=knowledge, views=views, before=before)
         if goal.about != "shape" and not knowledge.is_reached(goal) and len(document.used_views) > 1:
             both, by_both = known_by_both(integration, document)
             if isinstance(by_both, KnownGarment):
-                known, knowledge = by_both, knowledge_of(area_m2, by_both).sobered(before)
-            other = of_other_side(both, document, known, knowledge, goal)
+                knowledge = knowledge_of(area_m2, by_both).sobered(before)
+                learnt = replace(learnt, known=by_both, knowledge=knowledge)
+            learnt = replace(learnt, both=both, other=of_other_side(both, document, learnt, goal))
         with self.lock:
-            self._learnt = Learnt(
-                known=known, knowledge=knowledge, both=both, other=other, views=views, before=before
-            )
+            self._learnt = learnt
 
     # ---------------------------------------------------------------- the next angle, or the end
 
@@ -468,15 +444,13 @@ class ActiveLoop:
         following = choose_next(
             self.integration,
             document,
-            self.known,
-            knowledge,
+            self._learnt,
             goal,
             self.stands_deg,
             # Where nobody has looked yet, there may be more than the last views brought.
             scale=kept if stand_all_round(taken, goal) else 1.0,
-            other=self._learnt.other,
             kept=kept,
         )
         exhausted = self._log.is_exhausted(taken, least_m2, goal)
-        end = end_of(following, self.known, knowledge, goal, least_m2, is_exhausted=exhausted)
+        end = end_of(following, self._learnt, goal, least_m2, is_exhausted=exhausted)
         return end or following or FIRST

@@ -29,8 +29,8 @@ class ActiveService:
         The loop.
     eye : callable, optional
         Looks when an angle is announced; without it views are sent with their images.
-    base_from_camera : Rigid3, optional
-        The hand-eye transform: poses are then given in the robot's frame, too.
+    base_from_camera : callable
+        Returns the hand-eye transform, if there is one: poses are then given in the robot's frame, too.
     taking : callable, optional
         Takes a view in place of the loop.
     """
@@ -39,7 +39,7 @@ class ActiveService:
         self,
         loop: ActiveLoop,
         eye: Eye | None = None,
-        base_from_camera: Rigid3 | None = None,
+        base_from_camera: Callable[[], Rigid3 | None] = lambda: None,
         taking: Callable[[SeenView, int | None], Taken] | None = None,
     ) -> None:
         self.loop, self._eye, self._base_from_camera = loop, eye, base_from_camera
@@ -80,7 +80,7 @@ class ActiveService:
 
     def write(self) -> list[Path]:
         """Write the result; see :meth:`flatcloth.active.loop.ActiveLoop.write`."""
-        return self.loop.write(self._base_from_camera)
+        return self.loop.write(self._base_from_camera())
 
     def document(self, rotation_deg: float | None = None) -> dict[str, Any] | None:
         """Return the document of ``grasps.json`` with the named points that were seen.
@@ -136,7 +136,7 @@ class ActiveService:
         if integration is None:
             return None
         frames = GraspFrames(
-            axis=integration.axis, rotation_deg=rotation_deg, base_from_camera=self._base_from_camera
+            axis=integration.axis, rotation_deg=rotation_deg, base_from_camera=self._base_from_camera()
         )
         known = loop.known
         canonical = integration.canonical(loop.document) if isinstance(known, str) else known.canonical

@@ -46,7 +46,7 @@ def run(options: Options) -> int:
         from flatcloth.active.service import ActiveService
 
     goal, budget = options.aim()
-    base_from_camera = options.base_from_camera()
+    base_from_camera = options.base_from_camera()  # a damaged file is told before anything is opened
     if options.cell is None and options.listen is None:
         raise FlatclothError(
             "active needs --cell, or --listen for a robot; a camera: flatcloth view --camera."
@@ -54,7 +54,7 @@ def run(options: Options) -> int:
     cell = None if options.cell is None else options.simulated(options.out)
     loop = ActiveLoop(options.out, goal, budget, options.method)
     eye = None if cell is None else functools.partial(view_of_cell, cell, masks=not options.no_masks)
-    service = ActiveService(loop, eye, base_from_camera)
+    service = ActiveService(loop, eye, lambda: base_from_camera)
     try:
         say(f"Goal: {goal}. Budget: {budget}. {loop.views} views so far.")
         if options.listen is not None:

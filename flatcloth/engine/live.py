@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from flatcloth.core.errors import FlatclothError, SegmentationError, SurfaceErro
 from flatcloth.core.geometry import back_project
 from flatcloth.core.types import Bool, FlattenedView, Float32, RgbdFrame, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.views import ViewCloud
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.surface import observe_item
 from flatcloth.recordings.base import Recording, ViewImages, images_of
@@ -31,14 +30,6 @@ HOLDER_INTERVAL_S = 1.0
 """Interval of finding the gripper, which takes the time of two frames. Chosen."""
 HOLDER_M = 0.02
 """Pixels this near to the last place of the gripper belong to it. Chosen: it moves little in a second."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LiveFrame:
-    """A frame of a camera: its flattened view, and all that it shows near the camera, camera frame."""
-
-    view: FlattenedView
-    cloud: ViewCloud
 
 
 class LiveFlattening:
@@ -65,7 +56,7 @@ class LiveFlattening:
         self._holder_m: Float32 | None = None
         self._looked_s = -HOLDER_INTERVAL_S
 
-    def newest(self) -> LiveFrame:
+    def newest(self) -> FlattenedView:
         """Wait for a new frame and flatten it, starting from the one before.
 
         Raises
@@ -83,13 +74,10 @@ class LiveFlattening:
             raise SurfaceError("The camera sees no item to flatten.")
         item = self._without_holder(frame, item)
         try:
-            view = self._flattened(replace(frame, mask=item))
+            return self._flattened(replace(frame, mask=item))
         except FlatclothError as error:
             # The remedy for recorded views, to use another one, does not apply here.
             raise SurfaceError(str(error).removeprefix("View 0: ").partition(";")[0] + ".") from error
-        points, colors = cloud_of(frame)
-        cloud = ViewCloud(xyz_m=points, rgb=colors, of_interest=np.ones(len(points), dtype=np.bool_))
-        return LiveFrame(view=view, cloud=cloud)
 
     def _flattened(self, frame: RgbdFrame) -> FlattenedView:
         made, previous, self._last = self._integration, self._last, None

@@ -53,7 +53,7 @@ def read_grips(folder: Path) -> dict[int, Grip]:
 
 
 class GripStore:
-    """The grips of a session; with ``folder`` None they are kept in memory only. Used by one thread.
+    """The grips of a session. Used by one thread.
 
     Raises
     ------
@@ -61,9 +61,9 @@ class GripStore:
         If the existing file is damaged.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
+    def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._grips = {} if folder is None else read_grips(folder)
+        self._grips = read_grips(folder)
 
     @property
     def grips(self) -> Mapping[int, Grip]:
@@ -97,8 +97,7 @@ class GripStore:
             self._write({key: grip for key, grip in self._grips.items() if key != pick_id})
 
     def _write(self, grips: dict[int, Grip]) -> None:
-        if self._folder is not None:
-            write_kept(self._folder / FILE, _File(FORMAT, {str(key): grips[key] for key in sorted(grips)}))
+        write_kept(self._folder / FILE, _File(FORMAT, {str(key): grips[key] for key in sorted(grips)}))
         self._grips = grips
 
 

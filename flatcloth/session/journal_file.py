@@ -80,7 +80,7 @@ class JournalFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._fd: int | None = open_locked(path, os.O_RDWR | os.O_APPEND)
+        self._fd = open_locked(path, os.O_RDWR | os.O_APPEND)
         try:
             self._data = bytearray(self._read())
         except BaseException:
@@ -95,12 +95,12 @@ class JournalFile:
     @property
     def is_open(self) -> bool:
         """Whether the file is open."""
-        return self._fd is not None
+        return self._fd >= 0
 
     def is_in_place(self) -> bool:
         """Return whether the path still leads to this file, with the content that was written."""
         try:
-            named, opened = os.stat(self._path, follow_symlinks=False), os.fstat(self._number)
+            named, opened = os.stat(self._path, follow_symlinks=False), os.fstat(self._fd)
         except OSError:
             return False
         same = (named.st_dev, named.st_ino) == (opened.st_dev, opened.st_ino)
@@ -117,11 +117,11 @@ class JournalFile:
         try:
             written = 0
             while written < len(data):
-                written += os.write(self._number, data[written:])
-            os.fsync(self._number)
+                written += os.write(self._fd, data[written:])
+            os.fsync(self._fd)
         except OSError:
             with contextlib.suppress(OSError):  # half a line must not precede the next one
-                os.ftruncate(self._number, len(self._data))
+                os.ftruncate(self._fd, len(self._data))
             raise
         self._data += data
 
@@ -133,28 +133,22 @@ class JournalFile:
         OSError
             If it cannot be written.
         """
-        os.ftruncate(self._number, length)
-        os.fsync(self._number)
+        os.ftruncate(self._fd, length)
+        os.fsync(self._fd)
         del self._data[length:]
 
     def close(self) -> None:
         """Release the file for other processes; may be called repeatedly."""
-        if self._fd is not None:
+        if self.is_open:
             os.close(self._fd)
-        self._fd = None
-
-    @property
-    def _number(self) -> int:
-        if self._fd is None:
-            raise OSError(errno.EBADF, "the session is closed")
-        return self._fd
+        self._fd = -1
 
     def _read(self) -> bytes:
-        size = os.fstat(self._number).st_size
+        size = os.fstat(self._fd).st_size
         if size > MOST_JOURNAL_BYTES:
             raise OSError(errno.EFBIG, f"larger than {MOST_JOURNAL_BYTES // 10**6} MB", str(self._path))
         pieces, at = [], 0
-        while piece := os.pread(self._number, 2**20, at):
+        while piece := os.pread(self._fd, 2**20, at):
             pieces.append(piece)
             at += len(piece)
         return b"".join(pieces)

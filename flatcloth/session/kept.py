@@ -61,12 +61,8 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     ended: bool = False
 
 
-def keep_summary(
-    folder: Path | None, document: Document, area_m2: float, floating_m2: float, garment: str
-) -> None:
+def keep_summary(folder: Path, document: Document, area_m2: float, floating_m2: float, garment: str) -> None:
     """Write how far a session is; what cannot be written is left as it was."""
-    if folder is None:
-        return
     summary = Summary(
         views=len(document.used_views),
         area_cm2=round(1e4 * area_m2, 1),

@@ -45,11 +45,11 @@ class SessionFolder:
     Not thread-safe: only the thread that owns the session may write.
     """
 
-    def __init__(self, folder: Path, header: Header, lock_fd: int, journal: JournalFile) -> None:
+    def __init__(self, folder: Path, header: Header, held: contextlib.ExitStack) -> None:
         self._folder = folder
         self._header = header
-        self._lock_fd: int | None = lock_fd
-        self._journal = journal
+        self._held = held  # what is open: the lock, and the journal
+        self._journal = _opened_journal(folder, held)
         self._replay = Replay.of(header)
         self._notices: list[str] = []
 
@@ -74,17 +74,15 @@ class SessionFolder:
         """
         try:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with contextlib.ExitStack() as stack:  # what was opened is closed where the rest fails
-                lock_fd = _lock(folder)
-                stack.callback(os.close, lock_fd)
-                header = settle_header(folder, recording, config, method)
-                journal = JournalFile(folder / JOURNAL)
-                stack.callback(journal.close)
-                opened = cls(folder, header, lock_fd, journal)
+            held = contextlib.ExitStack()
+            with contextlib.ExitStack() as failed:
+                failed.push(held)
+                _lock(folder, held)
+                opened = cls(folder, settle_header(folder, recording, config, method), held)
                 sync_folder(folder)
                 opened._check_owner()
                 opened._resume()
-                stack.pop_all()
+                failed.pop_all()
             return opened
         except LockedError as error:
             raise JournalError(
@@ -176,10 +174,7 @@ class SessionFolder:
 
     def close(self) -> None:
         """Release the folder for other processes; may be called repeatedly."""
-        self._journal.close()
-        if self._lock_fd is not None:
-            os.close(self._lock_fd)
-        self._lock_fd = None
+        self._held.close()
 
     def _notice(self, text: str) -> None:
         _log.warning("%s", text)
@@ -229,19 +224,16 @@ class SessionFolder:
         """Continue in a new folder, because another program removed, replaced or changed the journal."""
         was, fresh = self._folder, _unused(self._folder.with_name(f"{self._folder.name}-continued"))
         fresh.mkdir(parents=True, mode=0o700)
-        lock_fd = _lock(fresh)
-        try:
+        with contextlib.ExitStack() as held:
+            _lock(fresh, held)
             write_kept(fresh / HEADER, self._header)
             for name in _BESIDE:
                 with contextlib.suppress(OSError):
                     replace_file(fresh / name, read_plain(was / name))
-            journal = JournalFile(fresh / JOURNAL)
+            journal = _opened_journal(fresh, held)
             journal.append(self._journal.data)
-        except BaseException:
-            os.close(lock_fd)
-            raise
-        self.close()
-        self._folder, self._lock_fd, self._journal = fresh, lock_fd, journal
+            self.close()
+            self._folder, self._journal, self._held = fresh, journal, held.pop_all()
         self._notice(
             f"{was / JOURNAL}: was removed, replaced or changed by another program. All decisions are kept"
             f" and the session continues in {fresh}; give --session {fresh} next time."
@@ -263,11 +255,15 @@ def _unused(path: Path) -> Path:
     )
 
 
-def _lock(folder: Path) -> int:
+def _lock(folder: Path, held: contextlib.ExitStack) -> None:
     fd = open_locked(folder / "session.lock")
+    held.callback(os.close, fd)
     os.ftruncate(fd, 0)
     os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
-    return fd
+
+
+def _opened_journal(folder: Path, held: contextlib.ExitStack) -> JournalFile:
+    return held.enter_context(contextlib.closing(JournalFile(folder / JOURNAL)))
 
 
 def _coordinates(values: Floats) -> tuple[Coordinate, Coordinate, Coordinate]:

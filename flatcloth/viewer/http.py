@@ -75,11 +75,27 @@ def post(
 ) -> Route:
     """Return a route: what ``make`` returns on a thread for a body of a type is sent as JSON.
 
-    A body that is none is refused with the ``hint``; see :func:`read_json`.
+    A body that is none is refused, with the ``hint``; so is one that is longer than ``most_bytes``, which is
+    not read to its end, also if its headers give no length, and one that is not there within 10 seconds.
     """
 
     async def answer(request: Request) -> Response:
-        said = await read_json(request, kind, most_bytes, hint)
+        body, why = b"", ""
+        try:
+            async with asyncio.timeout(BODY_S):
+                async for piece in request.stream():
+                    body += piece
+                    if len(body) > most_bytes:
+                        raise ValueError(f"it is longer than {most_bytes} bytes")
+            said = msgspec.json.decode(body, type=kind)
+        except TimeoutError:
+            why = f"it was not sent within {BODY_S:g} s"
+        except ClientDisconnect:
+            why = "it was cut short"
+        except (ValueError, RecursionError) as error:
+            why = str(error)
+        if why:
+            raise RefusedError(f"The body was not understood: {why}. {hint}".rstrip(), 400)
         return as_json(request, await run_in_threadpool(make, request, said))
 
     return Route(path, answer, methods=["POST"])
@@ -189,30 +205,3 @@ def rotation_of(request: HTTPConnection) -> float | None:
     if rotation_deg is not None and not abs(rotation_deg) <= MAX_ANGLE_DEG:
         raise RefusedError(f"rotation must be a number of degrees, up to {MAX_ANGLE_DEG:g} either way.", 400)
     return rotation_deg
-
-
-async def read_json(request: Request, kind: type[T], most_bytes: int, hint: str = "") -> T:
-    """Return the body of a request as a value of a type; a longer one is not read to its end.
-
-    Raises
-    ------
-    RefusedError
-        If it is no JSON of that type, with the ``hint``; if it is longer than ``most_bytes``, also if its
-        headers give no length; if it is not there within 10 seconds, or the client leaves.
-    """
-    body = b""
-    cause: Exception
-    try:
-        async with asyncio.timeout(BODY_S):
-            async for piece in request.stream():
-                body += piece
-                if len(body) > most_bytes:
-                    raise ValueError(f"it is longer than {most_bytes} bytes")
-        return msgspec.json.decode(body, type=kind)
-    except TimeoutError as error:
-        why, cause = f"it was not sent within {BODY_S:g} s", error
-    except ClientDisconnect as error:
-        why, cause = "it was cut short", error
-    except (ValueError, RecursionError) as error:
-        why, cause = str(error), error
-    raise RefusedError(f"The body was not understood: {why}. {hint}".rstrip(), 400) from cause

@@ -59,13 +59,12 @@ export const stepOf = (/** @type {ActiveStatus | null | undefined} */ status) =>
 
 /** What is to be done now, in one line. */
 export function task(/** @type {ActiveStatus} */ status) {
-  const { end, turning, angle_deg: angle, turn_deg: turn, turns_itself, is_simulated } = status;
+  const { end, turning, angle_deg: angle, turn_deg: turn, is_simulated } = status;
   if (end !== null) return end;
   if (turning && is_simulated) return "The item is turned, and a view is taken.";
   if (turning) return "A view is taken once the item hangs still.";
   if (angle === null) return status.waiting;
   const by = `${degrees(turn ?? 0, 0)}, to ${degrees(angle, 0)}`;
-  if (!turns_itself) return `A robot turns the item by ${by}.`;
   const press = `${stepOf(status)} (S)`;
   return is_simulated
     ? `Press ${press}: the cell turns the item by ${by}.`

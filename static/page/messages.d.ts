@@ -704,7 +704,6 @@ export interface ActiveStatus {
   end: string | null;
   waiting: string;
   turning: boolean;
-  turns_itself: boolean;
   is_simulated: boolean;
   steps: Record<string, any>[];
 }

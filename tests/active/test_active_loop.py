@@ -12,6 +12,7 @@ from garment_evidence import blank_view
 
 from flatcloth.active.choosing import (
     End,
+    Learnt,
     Next,
     OtherSide,
     choose_next,
@@ -203,7 +204,7 @@ def test_a_loop_ends_when_nothing_is_worth_a_turn_and_says_why(
     about: str, following: Next | None, exhausted: bool, said: str | None
 ) -> None:
     goal = parse_goal(about)
-    end = end_of(following, "No garment.", Knowledge(), goal, LEAST_M2, is_exhausted=exhausted)
+    end = end_of(following, Learnt(), goal, LEAST_M2, is_exhausted=exhausted)
     assert (end is None) == (said is None)
     if end is not None:
         assert (said or "") in end.reason
@@ -295,9 +296,8 @@ def test_an_angle_that_shows_a_seam_of_what_floats_is_chosen(tmp_path: Path) -> 
     seams_m2 = np.zeros(120)
     seams_m2[67] = 1.0  # at 201 degrees
     other = OtherSide(area_m2=0.1, new_m2=np.zeros(120), seams_m2=seams_m2, shares={})
-    found = choose_next(
-        loop.integration, loop.document, loop.known, loop.knowledge, loop.goal, 60.0, other=other
-    )
+    learnt = Learnt(known=loop.known, knowledge=loop.knowledge, other=other)
+    found = choose_next(loop.integration, loop.document, learnt, loop.goal, 60.0)
     assert found.angle_deg == 201.0
     assert "10000 cm2 of the other side" in found.why
     loop.close()

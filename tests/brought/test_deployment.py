@@ -14,23 +14,17 @@ from urllib.parse import urljoin, urlsplit
 import httpx
 import pytest
 from reverse_proxy import Proxy, proxied
-from viewer_fakes import CylinderIntegration, MemoryFolder
+from viewer_fakes import cylinder
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from flatcloth.cli import main
 from flatcloth.viewer.server.app import PageServer
-from flatcloth.viewer.server.workspace import Opened
 
 SAMPLE = "shirt-sleeve-clean"
 HUB = "/user/me/proxy/8080"
 LAB = "lab.example.org"
 View = Callable[..., PageServer]
-
-
-def cylinder(*_: object) -> Opened:
-    """Open an exact cylinder in place of a recording."""
-    return Opened(CylinderIntegration(), MemoryFolder())  # type: ignore[arg-type]
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from flatcloth.session.garment import (
     ReleasePoints,
     SetKind,
 )
-from flatcloth.session.journal import Pick, PickDeleted, PickRenamed, decode, encode
+from flatcloth.session.journal import PickDeleted, PickRenamed, decode, encode
 from flatcloth.session.machine import (
     AcceptAll,
     Nudge,
@@ -26,18 +26,6 @@ from flatcloth.session.machine import (
     Propose,
     Proposed,
 )
-
-
-def plain(pick: Pick) -> tuple[object, ...]:
-    return (
-        pick.id,
-        pick.name,
-        pick.position_held_m.tolist(),
-        pick.normal_held.tolist(),
-        pick.view_index,
-        pick.source_rc,
-    )
-
 
 ALSO = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.5, 0.0)))
 
@@ -186,7 +174,7 @@ def test_picks_are_added_renamed_deleted_and_restored(place):
     folder.close()
     folder = opened(place)
     assert [p.name for p in folder.picks] == ["left shoulder", "cuff"]
-    np.testing.assert_equal([plain(p) for p in folder.picks], [plain(p) for p in kept])
+    np.testing.assert_equal([vars(p) for p in folder.picks], [vars(p) for p in kept])
     assert folder.picks[0].position_held_m.dtype == np.float64
     folder.record(PickDeleted(3))
     assert folder.add_pick("next", position, normal, 0, (0.0, 0.0)).id == 4

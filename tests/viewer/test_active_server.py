@@ -355,11 +355,15 @@ def test_auto_goes_on_after_a_view_that_cannot_be_flattened_until_the_loop_ends_
 ) -> None:
     with Tab(cell_page) as tab:
         assert action(tab.state_where(asking), "auto") is None
+        matrix = np.eye(4).tolist()
+        file = {"format": "flatcloth-hand-eye/1", "base_from_camera": matrix}
+        assert post(cell_page, "/hand-eye", content=json.dumps(file).encode()).status_code == 200
         tab.say(type="auto", running=True)
         state = tab.state_where(lambda s: s["active"]["end"] and not s["auto"]["running"])
         assert "budget of 5 views" in state["active"]["end"]
         assert (state["active"]["views"], state["step"]) == (5, 4)
     assert get(cell_page, "/robot/next").json()["done"]
-    assert (tmp_path / "out" / "grasps.json").exists()
+    grasps = json.loads((tmp_path / "out" / "grasps.json").read_text())
+    assert grasps["base_from_camera"] == matrix
     # Turns that the loop asked for are no fault of the recording.
     assert get(cell_page, "/check.json").json()["findings"] == []

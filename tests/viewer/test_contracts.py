@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from page_tabs import WAIT_S, Has, Tab, get, leads_to
-from viewer_fakes import point_on_cylinder
+from viewer_fakes import entries_of, point_on_cylinder
 
 from flatcloth.core.errors import FlatclothError, FlatteningError, JournalError
 from flatcloth.core.types import Rigid2
@@ -298,7 +298,7 @@ def test_a_preview_tells_the_score_there_and_what_refining_reaches_and_decides_n
             "type": "preview", "id": 7, "why": "", "score": near(0.7), "apart_mm": near(10.0),
             "refined_score": near(0.8), "refined_apart_mm": near(0.0),
         }  # fmt: skip
-        assert not any(isinstance(command, Nudge) for command in folder.recorded)
+        assert not any(isinstance(entry, Nudge) for entry in entries_of(folder))
         leads_to(tab, move(u_m=0.010), {"pending.nudge.u_mm": near(10.0)})
         assert preview(tab, 8, u_m=0.020)["apart_mm"] == near(30.0), "on top of what was moved before"
         integration.score_error = FlatclothError("The view is gone.")
@@ -352,7 +352,7 @@ def test_a_refinement_of_what_was_changed_meanwhile_is_dropped_and_told(server, 
         leads_to(tab, move(v_m=0.010), {"pending.nudge.v_mm": near(10.0)})
         integration.gate.set()
         assert "was changed while it was refined" in tab.note()["text"]
-    assert [c.how for c in folder.recorded if isinstance(c, Nudge)] == ["move", "move"]
+    assert [entry.how for entry in entries_of(folder) if isinstance(entry, Nudge)] == ["move", "move"]
 
 
 PAIRS = {"new_uv_m": [[0.0, 0.0], [0.1, 0.0]], "shape_uv_m": [[0.02, 0.0], [0.02, 0.12]]}
@@ -380,10 +380,10 @@ def test_pairs_tell_their_residuals_fit_as_one_decision_and_go_with_the_proposal
         assert told["residual_mm"] == pytest.approx([20.0, 1000 * math.hypot(0.08, 0.12)])
         assert told["fitted_mm"] == pytest.approx([10.0, 10.0])
         assert told["rms_mm"] == pytest.approx(10.0)
-        assert not any(isinstance(command, Nudge) for command in folder.recorded)
+        assert not any(isinstance(entry, Nudge) for entry in entries_of(folder))
         assert pairs(tab, fit=True)["residual_mm"] == pytest.approx([10.0, 10.0])
         tab.until(lambda _: tab.state["undo"] == "fit pairs of view 1")
-        placed = folder.recorded[-1]
+        placed = entries_of(folder)[-1]
         assert placed.by.theta_rad == pytest.approx(math.pi / 2)
         leads_to(tab, do("undo"), {"undo": None})
         leads_to(tab, move(u_m=0.020), {"layers.overlay.placement.u_m": near(0.020)})

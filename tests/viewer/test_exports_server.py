@@ -16,17 +16,13 @@ import httpx
 import pytest
 from exported_sessions import serving, write_cylinder, write_session
 from page_tabs import WAIT_S, Tab, get, post
-from viewer_fakes import MemoryFolder
 
 from flatcloth.cli import main
 from flatcloth.core.errors import CancelledError
-from flatcloth.engine.integration import Integration
 from flatcloth.export import by_name
 from flatcloth.export.session import OpenedSession
-from flatcloth.recordings import open_recording
 from flatcloth.viewer.routes import exports
 from flatcloth.viewer.server.app import PageServer
-from flatcloth.viewer.server.workspace import Opened
 
 
 @pytest.fixture(scope="module")
@@ -102,14 +98,11 @@ def test_the_data_are_those_of_the_command_line_with_the_scores_of_decisions_by_
     assert get(unchanged, "/export/floating-0.npz").status_code == 404
 
 
-def test_an_export_that_does_not_exist_is_one_line(written: Path) -> None:
-    recording = open_recording(written.parent / "recording")
-    integration, folder = Integration(recording, method="paper"), MemoryFolder(len(recording))
-    with PageServer(Opened(integration, folder)) as running:  # type: ignore[arg-type]
-        unknown = get(running, "/export/shirt.exe", timeout=120)
-        assert unknown.status_code == 404
-        assert "choose one of page.html" in unknown.text
-        assert "\n" not in unknown.text
+def test_an_export_that_does_not_exist_is_one_line(server: PageServer) -> None:
+    unknown = get(server, "/export/shirt.exe", timeout=120)
+    assert unknown.status_code == 404
+    assert "choose one of page.html" in unknown.text
+    assert "\n" not in unknown.text
 
 
 # --- one at a time --------------------------------------------------------------------------------

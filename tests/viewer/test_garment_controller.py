@@ -137,8 +137,8 @@ def page(service):
 
 def test_a_floating_piece_is_listed_with_the_file_that_holds_it(service) -> None:
     sheet = lay_out(service.canonical)
-    rest: dict[str, Any] = dict.fromkeys(("revision", "present_view", "angle_deg", "cloud"), 0)
-    pieces = layers_of(Picture(view=sheet.view, sheet=sheet, legends={}, **rest)).pieces
+    about: Any = {"revision": 0, "legends": {}, "cloud": None, "document": TWO_VIEWS}
+    pieces = layers_of(Picture(view=sheet.view, sheet=sheet, **about)).pieces
     assert [(one.label, one.file) for one in pieces] == [("B", "floating-2.npz"), ("C", "floating-1.npz")]
 
 

@@ -7,6 +7,7 @@ import threading
 import time
 import weakref
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import httpx
 import pytest
 from foreign_folders import write_open3d
 from page_tabs import WAIT_S, Tab, get, post
-from viewer_fakes import CylinderIntegration, MemoryFolder
+from viewer_fakes import cylinder
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import RecordingError
@@ -45,11 +46,13 @@ class FakeOpener:
             raise RecordingError("broken: has no views. Record it again.")
         if name == "slow":
             assert self.gate.wait(WAIT_S)
-        return Opened(
-            CylinderIntegration(),
-            MemoryFolder(),
-            close=lambda: self.closed.append(name),  # type: ignore[arg-type]
-        )
+        opened = cylinder()
+
+        def close() -> None:
+            opened.close()
+            self.closed.append(name)
+
+        return replace(opened, close=close)
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ import pytest
 import viser
 from page_tabs import WAIT_S, bearer, get, open_socket
 from starlette.applications import Starlette
-from viewer_fakes import CylinderIntegration, MemoryFolder
+from viewer_fakes import cylinder
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 from websockets.sync.client import connect
 
@@ -34,7 +34,6 @@ from flatcloth.viewer import http
 from flatcloth.viewer.server import limits
 from flatcloth.viewer.server.app import PageServer, serve
 from flatcloth.viewer.server.guard import Endpoint, given_token, kept_token
-from flatcloth.viewer.server.workspace import Opened
 
 
 def greet(server, path, **options):
@@ -138,7 +137,7 @@ def test_the_socket_file_goes_with_the_server_and_those_of_killed_programs_are_r
     for folder in (left, running):
         folder.mkdir()
         (folder / "viser").touch()
-    with PageServer(Opened(CylinderIntegration(), MemoryFolder())) as server:
+    with PageServer(cylinder()) as server:
         own = server.application.scene.path.parent
         assert own.parent == temporary
         assert stat.S_IMODE(own.stat().st_mode) == 0o700
@@ -165,7 +164,7 @@ def test_a_server_that_is_terminated_leaves_no_files(monkeypatch, temporary, tmp
 def test_nobody_can_open_a_tunnel_or_send_files():
     from viser import _messages
 
-    with PageServer(Opened(CylinderIntegration(), MemoryFolder())) as server:
+    with PageServer(cylinder()) as server:
         handlers = server._now.scene._server._websock_server._incoming_handlers
     assert handlers.keys().isdisjoint(
         {_messages.ShareUrlRequest, _messages.FileTransferStartUpload, _messages.FileTransferPart}
@@ -182,7 +181,7 @@ def test_a_body_that_ends_early_leaves_no_traceback(server, caplog):
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
 def test_the_token_is_asked_for(host):
-    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), Endpoint(host)) as server:
+    with PageServer(cylinder(), Endpoint(host)) as server:
         for path in (
             "/",
             "/?token=wrong",
@@ -208,11 +207,11 @@ def test_the_token_is_asked_for(host):
 
 
 def test_without_a_token_this_computer_is_let_in_and_nobody_else():
-    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), token=False) as server:
+    with PageServer(cylinder(), token=False) as server:
         assert "token" not in server.url
         assert status(ask(server, request(server, token=False))) == 200
     with pytest.raises(ServerError, match=r"would admit everybody"):
-        PageServer(Opened(CylinderIntegration(), MemoryFolder()), Endpoint("0.0.0.0"), token=False)
+        PageServer(cylinder(), Endpoint("0.0.0.0"), token=False)
 
 
 def test_the_token_stays_the_user_s_own_over_a_restart(state_home):
@@ -238,7 +237,7 @@ def test_the_token_of_a_file_is_made_once_and_read_again(tmp_path):
     assert made is not None
     assert given_token(file) == made
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
-    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), token=made) as server:
+    with PageServer(cylinder(), token=made) as server:
         assert get(server, "/").status_code == 200
         assert server.url.endswith(f"?token={made}")
 
@@ -450,7 +449,7 @@ def test_logs_are_limited_while_the_page_is_served_and_not_afterwards(monkeypatc
     assert before
     served: list[list[object]] = []
     monkeypatch.setattr(PageServer, "join", lambda _: served.extend([*h.filters] for h in handlers))
-    serve(lambda _: None, first=lambda: Opened(CylinderIntegration(), MemoryFolder()))
+    serve(lambda _: None, first=cylinder)
     assert all(any(isinstance(f, limits.RateLimit) for f in filters) for filters in served)
     assert len(served) == len(before)
     assert [list(handler.filters) for handler in handlers] == before
@@ -463,7 +462,7 @@ def test_a_port_or_a_host_that_cannot_be_had_is_one_clear_line(server):
         ("192.0.2.1", 0, "192.0.2.1"),
     ):
         with pytest.raises(ServerError, match=told):
-            PageServer(Opened(CylinderIntegration(), MemoryFolder()), Endpoint(host, port))
+            PageServer(cylinder(), Endpoint(host, port))
 
 
 # --- the page's own files --------------------------------------------------------------------------

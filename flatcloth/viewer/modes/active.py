@@ -85,11 +85,11 @@ class ActiveApplication(Application):
     ----------
     loop : PageLoop
         With at least one view.
-    eye : callable, optional
-        Turns a cell to an angle and looks; without it a robot sends the views.
+    eye : callable
+        Turns a cell to an angle and looks; a robot may send views, too.
     """
 
-    def __init__(self, loop: PageLoop, scene: Scene, tabs: Hub, eye: Eye | None) -> None:
+    def __init__(self, loop: PageLoop, scene: Scene, tabs: Hub, eye: Eye) -> None:
         assert loop.integration is not None
         assert loop.session is not None
         super().__init__(loop.integration, loop.session, scene, tabs)
@@ -102,7 +102,7 @@ class ActiveApplication(Application):
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of a session, and those by which a robot turns the item."""
-        service = ActiveService(self.loop, self._eye, self.base_from_camera, self.take_view)
+        service = ActiveService(self.loop, self._eye, lambda: self.base_from_camera, self.take_view)
         return [*super().routes(), *active_routes(service)]
 
     def take_view(self, view: SeenView, answers: int | None = None) -> Taken:
@@ -125,15 +125,12 @@ class ActiveApplication(Application):
     def _turn(self) -> None:
         """Let the cell turn to where the loop asks, and look."""
         asked = self.loop.asked
-        if self._eye is None:
-            raise IllegalDecisionError("A robot turns the item here; it announces the angle.")
         if self._is_turning or isinstance(asked, Waiting):
             raise IllegalDecisionError("A view is being taken; decide about its proposal first.")
         if isinstance(asked, End):
             raise IllegalDecisionError(f"The loop has ended. {asked.reason}")
         self._is_turning = True
-        eye = self._eye
-        self.executor.compute("work", lambda: self._look(eye, asked), self._turned, "taking a view")
+        self.executor.compute("work", lambda: self._look(asked), self._turned, "taking a view")
         self.publish()
 
     def propose_view(self, number: int) -> None:
@@ -172,7 +169,7 @@ class ActiveApplication(Application):
         pending = self._state.document.pending
         if self._state.phase is Phase.FINISHED or (pending is None and self._undecided is not None):
             if self._auto.running and self._undecided is None and not self._is_turning:
-                if isinstance(self.loop.asked, Next) and self._eye is not None:
+                if isinstance(self.loop.asked, Next):
                     if not isinstance(self._eye, CameraEye):  # a person turns, and says so
                         self._turn()
                 elif isinstance(self.loop.asked, End):
@@ -191,7 +188,7 @@ class ActiveApplication(Application):
 
     def _allowed(self, action: Action) -> Action:
         """Return an action with the reason why it is not allowed now, for those that the loop changes."""
-        asks = isinstance(self.loop.asked, Next) and self._eye is not None
+        asks = isinstance(self.loop.asked, Next)
         if action.name == "auto" and asks:
             return structs.replace(action, why_not=None)
         if action.name in ("step", "capture_turned"):
@@ -216,17 +213,16 @@ class ActiveApplication(Application):
             end=asked.reason if isinstance(asked, End) else None,
             waiting=asked.reason if isinstance(asked, Waiting) else "",
             turning=self._is_turning,
-            turns_itself=self._eye is not None,
             is_simulated=not isinstance(self._eye, CameraEye),
             steps=tuple(loop.steps()[-STEPS_SHOWN:]),
         )
 
     # --- the thread of the computations ---------------------------------------------------------
 
-    def _look(self, eye: Eye, asked: Next) -> str:
+    def _look(self, asked: Next) -> str:
         """Take a view; return what there is to tell of it."""
         try:
-            taken = self.loop.take(eye(asked.angle_deg, self.loop.views), self.loop.views)
+            taken = self.loop.take(self._eye(asked.angle_deg, self.loop.views), self.loop.views)
         except FlatclothError as error:
             self.loop.fail(str(error))
             raise
@@ -276,7 +272,7 @@ class ActiveApplication(Application):
     def _write(self) -> None:
         """Write the result to the folder when the loop has ended."""
         try:
-            self.answered(self.loop.write)
+            self.answered(lambda: self.loop.write(self.base_from_camera))
         except FlatclothError as error:
             self._put(None, functools.partial(self.tell, None, "error", str(error)))
 

@@ -50,7 +50,7 @@ from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages, sent
 from flatcloth.viewer.protocol.actions import ONLY_A_CAMERA, Action, action_table
-from flatcloth.viewer.protocol.picture import Picture, legends_of
+from flatcloth.viewer.protocol.picture import Frame, legends_of
 
 if TYPE_CHECKING:
     from flatcloth.viewer.scene.scene import Scene
@@ -130,7 +130,7 @@ class CaptureApplication(PageController):
         super().__init__(integration, folder, scene, tabs)
         self._feed, self._chosen = feed, settings
         self._flattening = LiveFlattening(integration, feed)
-        self._frames: deque[Picture] = deque(maxlen=FRAMES_KEPT)
+        self._frames: deque[Frame] = deque(maxlen=FRAMES_KEPT)
         self._playing, self._trouble = True, ""  # why the newest frame is not shown
         self._is_flattening, self._is_drawn, self._began_s = False, True, 0.0
         self._lock = threading.Lock()
@@ -280,25 +280,19 @@ class CaptureApplication(PageController):
             self._is_flattening, self._is_drawn, self._began_s = True, False, now_s
             self.executor.compute("frames", self._flattened_newest, self._flattened, "showing the camera")
 
-    def _flattened_newest(self) -> Picture | FlatclothError:
+    def _flattened_newest(self) -> Frame | FlatclothError:
         try:
-            frame = self._flattening.newest()
+            view = self._flattening.newest()
         except FlatclothError as error:
             return error  # the next frame may show more
-        return Picture(
-            revision=self._frames[-1].revision + 1 if self._frames else 1,
-            view=frame.view,
-            present_view=0,
-            angle_deg=0.0,
-            cloud=frame.cloud,
-            legends=legends_of(frame.view, self.integration),
-        )
+        revision = self._frames[-1].revision + 1 if self._frames else 1
+        return Frame(revision=revision, view=view, legends=legends_of(view, self.integration))
 
-    def _flattened(self, made: Picture | FlatclothError | str) -> None:
+    def _flattened(self, made: Frame | FlatclothError | str) -> None:
         self._is_flattening = False
         if not self._playing:
             return  # an earlier frame is held since
-        if isinstance(made, Picture):
+        if isinstance(made, Frame):
             self._frames.append(made)
             self.picture, self._trouble = made, ""
             self.publish()
@@ -333,7 +327,7 @@ class CaptureApplication(PageController):
             self._held(picture.revision)
             self.publish()
 
-    def _held(self, revision: int | None) -> Picture:
+    def _held(self, revision: int | None) -> Frame:
         """Hold the frame that was clicked, or the last one, and return it."""
         self._playing = False
         self.picture = next((each for each in self._frames if each.revision == revision), self.picture)

@@ -12,7 +12,6 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -33,7 +32,7 @@ from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages, sent
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
-from flatcloth.viewer.protocol.picture import Picture, described, layers_of
+from flatcloth.viewer.protocol.picture import Frame, Picture, described, layers_of
 from flatcloth.viewer.protocol.sent import UV, AutoInfo
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore
 from flatcloth.viewer.worker import Background, Executor, Worker, result_of
@@ -72,13 +71,12 @@ class PageController(ABC):
 
     def __init__(self, integration: Integration, folder: SessionFolder, scene: Scene, tabs: Hub) -> None:
         self.integration, self.folder, self.scene, self.tabs = integration, folder, scene, tabs
-        self.place: Path | None = folder.folder
-        self.settings = SettingsStore(self.place, Settings(auto_threshold=integration.accept_score))
+        self.settings = SettingsStore(folder.folder, Settings(auto_threshold=integration.accept_score))
         self._auto = AutoInfo()
         self._log: tuple[sent.Note, ...] = ()
         self._picks = PickStore(folder, integration, self._highlight)
         self.garments = GarmentService(integration)
-        self.picture: Picture | None = None  # what is shown at present; immutable
+        self.picture: Frame | None = None  # what is shown at present; immutable
         self.lesson: sent.Progress | None = None  # how far one is that is being made
         self.base_from_camera: Rigid3 | None = None  # with it, poses are also in the frame of the robot
         self._note_ids = itertools.count(1)
@@ -176,7 +174,7 @@ class PageController(ABC):
         from flatcloth.export.garment import named_points
 
         picture = self.picture
-        if picture is None or picture.document is None:
+        if not isinstance(picture, Picture):
             return ()
         known, other = self.garments.known(picture.document), picture.other
         return named_points(known, None if other is None else other.sides)
@@ -272,17 +270,6 @@ class PageController(ABC):
         """Let the tabs mark a new pick immediately, before its numbers and the scene are updated."""
         x, y, z = map(float, pick.position_held_m)
         self.tabs.tell(None, sent.Picked(id=pick.id, position_held_m=(x, y, z), side=pick.side, uv_m=uv_m))
-
-    def _show_in_scene(self) -> None:
-        """Show the picture in 3D, unless another follows until the scene has time for it."""
-        picture = self.picture
-
-        def shown(trouble: str | None) -> None:
-            if trouble:
-                self.tell(None, "error", trouble)
-
-        show, is_present = partial(self.scene.show, picture), lambda: picture is self.picture
-        self.executor.compute("scene", show, shown, "drawing the 3D scene", is_present)
 
     def _turn_to(self, view_index: int) -> None:
         angles_deg = self.integration.recording.angles_deg

@@ -78,7 +78,7 @@ class DoubtService:
 
     def follow(self, picture: Picture | None) -> int | None:
         """Return the revision of the list about the shape shown, if any; called on the page's own thread."""
-        if picture is None or picture.document is None or picture.sheet is None:
+        if picture is None:
             self._shapes, self._key = {}, None
             return None
         known, made, document = self._garment.current, self._other.made, picture.document
@@ -97,31 +97,34 @@ class DoubtService:
         FlatclothError
             If the shape has changed since it was shown.
         """
-        found = self._list(asked.revision)
+        found = self._list(self._shape(asked.revision))
         if asked.index >= len(found):
             raise FlatclothError(CHANGED)
         return found[asked.index][1](asked.how, Rigid2(*asked.place))
 
-    def _list(self, revision: int) -> list[tuple[Doubt, Decider]]:
+    def _shape(self, revision: int) -> _Shape:
         shape = self._shapes.get(revision)
         if shape is None:
             raise FlatclothError(CHANGED)
+        return shape
+
+    def _list(self, shape: _Shape) -> list[tuple[Doubt, Decider]]:
         return self._lists.get((shape,), lambda: [*self._of_joints(shape), *self._of_rest(shape)])
 
     def _info(self, request: Request) -> DoubtsInfo:
         revision = request.path_params["revision"]
-        shape = self._shapes.get(revision)
         try:
-            doubts = [doubt for doubt, _ in self._list(revision)]
+            shape = self._shape(revision)
+            doubts = [doubt for doubt, _ in self._list(shape)]
         except FlatclothError as error:
             return DoubtsInfo(revision=revision, trouble=str(error))
-        made, sheet = (None, None) if shape is None else (shape.made, shape.picture.sheet)
-        method, has_links = self._page.integration.method, shape and self._cloth(shape) is not None
+        made, this = shape.made, shape.picture.sheet.canonical.view
+        method, has_links = self._page.integration.method, self._cloth(shape) is not None
         return DoubtsInfo(
             revision=revision,
             trouble="" if has_links else NO_LINKS.format(method),
             doubts=doubts,
-            this_outline_uv_m=[] if made is None or sheet is None else outline_of(sheet.canonical.view),
+            this_outline_uv_m=[] if made is None else outline_of(this),
             other_outline_uv_m=[] if made is None else outline_of(made.sides.other.view),
         )
 
@@ -130,7 +133,6 @@ class DoubtService:
 
     def _of_rest(self, shape: _Shape) -> Iterator[tuple[Doubt, Decider]]:
         sheet, known, made = shape.picture.sheet, shape.known, shape.made
-        assert sheet is not None
         for piece in sheet.pieces:
             yield self._piece(shape, piece, _place_by_garment(known, piece))
         if made is not None:

@@ -84,8 +84,9 @@ class GarmentController:
         self._known_of = self._work.asked
         self._know(*((None, made) if isinstance(made, str) else (made, "")))
         doubt = 0.0 if self._known is None else self._known.doubt
-        sheet = None if self._page.picture is None else self._page.picture.sheet
-        if doubt != self._doubt or (sheet and not sheet.is_clear_of(self._page.garments.edge_m)):
+        picture = self._page.picture
+        is_clear = not isinstance(picture, Picture) or picture.sheet.is_clear_of(self._page.garments.edge_m)
+        if doubt != self._doubt or not is_clear:
             self._doubt = doubt
             self._page.draw_again()
         self._page.publish()

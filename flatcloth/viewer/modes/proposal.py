@@ -1,9 +1,9 @@
-"""What is done with the proposal: what messages mean, and what Auto does next."""
+"""What is done with the proposal: what messages mean, and what Auto asks about it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,28 +12,11 @@ from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.placing import RefinedScore, fit_pairs
 from flatcloth.engine.sheet import is_on_shape
-from flatcloth.session.document import Document, Pending, accept
-from flatcloth.session.machine import (
-    Accept,
-    Command,
-    Nudge,
-    Phase,
-    Propose,
-    Reject,
-    SessionState,
-    Skip,
-    Start,
-    TakePart,
-)
+from flatcloth.session.document import LEAST_MOVE_M, LEAST_TURN_RAD, Document, Pending, accept
+from flatcloth.session.machine import Accept, Command, Nudge, Reject, Skip, TakePart
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.picture import Overlay, Picture, shown_center_uv_m
+from flatcloth.viewer.protocol.picture import Overlay, shown_center_uv_m
 from flatcloth.viewer.protocol.sent import AutoInfo, PairsAnswer, PreviewAnswer
-from flatcloth.viewer.protocol.settings import Settings
-
-_STILL_MM = 0.05
-"""Smaller motions are reported as none. Chosen: half of the last digit shown."""
-_STILL_DEG = 0.005
-"""See ``_STILL_MM``."""
 
 
 def preview(
@@ -115,11 +98,11 @@ def refined_motion(pending: Pending, found: RefinedScore, center: Float64) -> tu
     """Return the motion of a refinement, None if it is negligible, and a text for the operator."""
     by = found.refined @ pending.current_from_new.inverse()
     moved = by.apply(center) - center
-    shift_mm, turn_deg = 1000 * math.hypot(*moved.tolist()), math.degrees(abs(by.theta_rad))
-    if shift_mm < _STILL_MM and turn_deg < _STILL_DEG:
+    shift_m, turn_rad = math.hypot(*moved.tolist()), abs(by.theta_rad)
+    if shift_m < LEAST_MOVE_M and turn_rad < LEAST_TURN_RAD:
         return None, "Refining from here changes nothing."
     return by, (
-        f"Refined: moved by {shift_mm:.1f} mm and {turn_deg:.1f}\u00b0;"
+        f"Refined: moved by {1000 * shift_m:.1f} mm and {math.degrees(turn_rad):.1f}\u00b0;"
         f" score {found.score.total:.2f}, now {found.refined_score.total:.2f}."
     )
 
@@ -144,59 +127,6 @@ def meant(shown: tuple[Pending, Overlay] | None, asked: messages.Move) -> Rigid2
     return overlay.meant(pending, by.about(np.array(shown_center_uv_m(pending, overlay))))
 
 
-@dataclass(frozen=True)
-class Wait:
-    """Wait for the operator, who sees the reason."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class End:
-    """End, and tell so; ``by_choice`` is why, if views are left that may add cloth."""
-
-    text: str
-    by_choice: str = ""
-
-
-Step = Command | Wait | End | None
-
-
-def next_step(state: SessionState, auto: AutoInfo, settings: Settings, picture: Picture | None) -> Step:
-    """Return what Auto does next; None: nothing, until something changes.
-
-    Parameters
-    ----------
-    state : SessionState
-        The session.
-    auto : AutoInfo
-        Whether it runs, and waits.
-    settings : Settings
-        Least score, and how far it runs.
-    picture : Picture or None
-        What is shown; Auto waits until it shows the session.
-    """
-    document, pending = state.document, state.document.pending
-    started = document.start_view is not None
-    up_to_date = picture is not None and picture.document is document
-    if not auto.running or state.phase is Phase.COMPUTING or (started and not up_to_date):
-        return None
-    if state.phase is Phase.FINISHED:
-        return End(f"Auto has ended. {document.finished or ''}")
-    if not started:
-        return Start()
-    if auto.waits_for:
-        return None
-    if pending is not None:
-        unsure = _what_is_unsure(pending, settings.auto_threshold)
-        return Wait(unsure) if unsure else Accept(pending.view_index)
-    n_views = len(document.used_views)
-    if settings.auto_until == "views" and n_views >= settings.auto_views:
-        enough = f"The shape has {n_views} views, as chosen."
-        return End(f"Auto has ended. {enough}", by_choice=enough)
-    return Propose()
-
-
 def after(auto: AutoInfo, command: Command) -> AutoInfo:
     """Return Auto after a decision by hand: an answer to what it waits for lets it go on."""
     if auto.is_busy or not auto.running:
@@ -206,7 +136,7 @@ def after(auto: AutoInfo, command: Command) -> AutoInfo:
     return auto if isinstance(command, Nudge | TakePart) else AutoInfo()
 
 
-def _what_is_unsure(pending: Pending, threshold: float) -> str:
+def what_is_unsure(pending: Pending, threshold: float) -> str:
     """Return what Auto asks about a proposal; empty if its score is good enough."""
     if math.isfinite(pending.score) and pending.score >= threshold:
         return ""

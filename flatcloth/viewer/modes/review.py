@@ -55,13 +55,9 @@ class ReviewService:
 
     def follow(self, picture: Picture) -> None:
         """Compute what is missing of the views of a picture, one at a time: other jobs run between."""
-        document = picture.document
-        if document is None:
-            return
-        if picture.sheet is not None:
-            self._areas.note(document, picture.sheet.canonical)
-            self._page.executor.put("review", self.keep_summary)
-        self._document = document
+        self._document = document = picture.document
+        self._areas.note(document, picture.sheet.canonical)
+        self._page.executor.put("review", self.keep_summary)
         areas, missing = self._areas, self._areas.missing(document)
         if not missing and self._read == document.accepted:
             return
@@ -80,8 +76,8 @@ class ReviewService:
     def keep_summary(self) -> None:
         """Keep how far the session is, for lists of sessions."""
         picture = self._page.picture
-        if picture is not None and picture.sheet is not None and picture.document is not None:
-            sheet, folder, known = picture.sheet, self._page.place, self._page.garments.last
+        if isinstance(picture, Picture):
+            sheet, folder, known = picture.sheet, self._page.folder.folder, self._page.garments.last
             keep_summary(
                 folder, picture.document, sheet.shape_m2, sheet.floating_m2, known.kind if known else ""
             )
@@ -109,8 +105,8 @@ class ReviewService:
 
     def _history(self) -> frozenset[int]:
         """Read what was decided otherwise before."""
-        limit, place = self._page.integration.accept_score, self._page.place
-        return frozenset() if place is None else overridden(read_history(place), limit)
+        limit = self._page.integration.accept_score
+        return overridden(read_history(self._page.folder.folder), limit)
 
     def _take(self, document: Document, made: frozenset[int] | str | None) -> None:
         if isinstance(made, str):
@@ -135,9 +131,9 @@ class ReviewService:
 
     def _result(self) -> ResultInfo:
         picture = self._page.picture
-        document = None if picture is None else picture.document
-        if picture is None or document is None:
+        if not isinstance(picture, Picture):
             return ResultInfo(revision=0)
+        document = picture.document
         key = document.shape_key, document.rejected, document.skipped
         try:
             found = self._results.get(key, lambda: result_of(self._areas, document))
@@ -163,11 +159,11 @@ def diagnostics_routes(page: PageController) -> list[BaseRoute]:
     def info(request: Request) -> DiagnosticsInfo | None:
         key = request.path_params["revision"], request.path_params["overlay"]
         picture = page.picture
-        if picture is None or picture.overlay is None or (picture.revision, picture.overlay.revision) != key:
+        if not isinstance(picture, Picture) or picture.overlay is None:
             return None
-        document = picture.document
-        assert document is not None
-        found = kept.get(key, lambda: reasons(page.integration, document))
+        if (picture.revision, picture.overlay.revision) != key:
+            return None
+        found = kept.get(key, lambda: reasons(page.integration, picture.document))
         lines = found.correspondence
         if lines is not None:
             lines = replace(lines, current=_thinned(lines.current), new=_thinned(lines.new))
@@ -179,10 +175,10 @@ def diagnostics_routes(page: PageController) -> list[BaseRoute]:
 
 def _pairs(found: Reasons, picture: Picture) -> ShownPairs | None:
     """Return an even selection of the pairs of cloth on the sheet, and the shares of all pairs."""
-    pairs, overlay, document = found.pairs, picture.overlay, picture.document
-    if pairs is None or overlay is None or document is None or document.pending is None:
+    pairs, overlay, pending = found.pairs, picture.overlay, picture.document.pending
+    if pairs is None or overlay is None or pending is None:
         return None
-    sheet, pending = overlay.sheet, document.pending
+    sheet = overlay.sheet
     off_mm = 1e3 * pairs.residual_m(found.current_from_new)
     chosen = np.unique(np.linspace(0, len(off_mm) - 1, min(len(off_mm), _MOST_PAIRS)).astype(int))
     shape = [sheet.shift(sheet.piece_on_plane(uv)).apply(uv).tolist() for uv in pairs.shape_uv_m[chosen]]

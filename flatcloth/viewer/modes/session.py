@@ -92,6 +92,8 @@ class Application(PageController):
         self._garment = GarmentController(self)
         self._doubts = DoubtService(self, self._garment, self.other)
 
+    picture: Picture | None
+
     @property
     def _state(self) -> SessionState:
         return self.folder.state
@@ -301,27 +303,38 @@ class Application(PageController):
                 self._foresee(apply(accepted, Propose()))
 
     def _auto_step(self) -> None:
-        running, settings = self._auto, self.settings.now
-        step = proposal.next_step(self._state, running, settings, self.picture)
-        match step:
-            case None:
-                return
-            case proposal.Wait(text):
-                self._auto = AutoInfo(running=True, waits_for=text)
-                self._settle()
-                self.tell(None, "warning", text)
-            case proposal.End():
-                self.other.is_wanted = True
-                self._end_auto("info", step.text, step.by_choice)
-            case Accept(view_index=view):
-                self._do(Accept(view, self._score_shown()))
-            case _:
-                self._do(step)
+        """Do what Auto does next; nothing while it waits, or the session is ahead of what is shown."""
+        state, settings, document = self._state, self.settings.now, self._state.document
+        pending, started = document.pending, document.start_view is not None
+        is_shown = self.picture is not None and self.picture.document is document
+        if not self._auto.running or state.phase is Phase.COMPUTING or (started and not is_shown):
+            return
+        enough = f"The shape has {len(document.used_views)} views, as chosen."
+        is_enough = settings.auto_until == "views" and len(document.used_views) >= settings.auto_views
+        if state.phase is Phase.FINISHED:
+            self.other.is_wanted = True
+            self._end_auto("info", f"Auto has ended. {document.finished or ''}")
+        elif not started:
+            self._do(Start())
+        elif self._auto.waits_for:
+            return
+        elif pending is not None:
+            unsure = proposal.what_is_unsure(pending, settings.auto_threshold)
+            if not unsure:
+                return self._do(Accept(pending.view_index, self._score_shown()))
+            self._auto = AutoInfo(running=True, waits_for=unsure)
+            self._settle()
+            self.tell(None, "warning", unsure)
+        elif is_enough:
+            self.other.is_wanted = True
+            self._end_auto("info", f"Auto has ended. {enough}", enough)
+        else:
+            self._do(Propose())
 
     def _other_made(self) -> None:
         """Show the other side with the shape that it was joined to."""
         made, picture = self.other.made, self.picture
-        if picture is not None and picture.sheet is not None:
+        if picture is not None:
             if made is not None and made.sides.laid:
                 self._forget_picture()  # seams lay its pieces
             self.picture = replace(picture, other=made)
@@ -427,6 +440,17 @@ class Application(PageController):
         self._trouble = f"{trouble} {UNDRAWN}"
         self._end_auto("error", self._trouble)
 
+    def _show_in_scene(self) -> None:
+        """Show the picture in 3D, unless another follows until the scene has time for it."""
+        picture = self.picture
+
+        def shown(trouble: str | None) -> None:
+            if trouble:
+                self.tell(None, "error", trouble)
+
+        show, is_present = partial(self.scene.show, picture), lambda: picture is self.picture
+        self.executor.compute("scene", show, shown, "drawing the 3D scene", is_present)
+
     def _take_picture(self, picture: Picture) -> None:
         # Until it is joined to this shape, the other side is shown as it was.
         picture = replace(picture, other=self.other.made)
@@ -434,7 +458,7 @@ class Application(PageController):
         self._show_in_scene()
         self._review.follow(picture)
         document = picture.document
-        if document is not None and document.pending is not None and document.pending.moved:
+        if document.pending is not None and document.pending.moved:
             self._trying.ask(
                 document,
                 lambda _: proposal.joins(self.integration, document),

@@ -16,7 +16,7 @@ from starlette.routing import BaseRoute
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import window_of
 from flatcloth.core.strokes import Decision, ImageStroke, SpaceStroke, why_off_image
-from flatcloth.core.types import Bool, Floats, Int64
+from flatcloth.core.types import Floats, Int64
 from flatcloth.engine.views import ViewCloud
 from flatcloth.flattening.surface import item_mask
 from flatcloth.grasping.grasps import point_on_ray
@@ -30,7 +30,7 @@ from flatcloth.session.journal import SheetSide
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.picture import Picture, place_in_view
+from flatcloth.viewer.protocol.picture import Frame, place_in_view
 from flatcloth.viewer.protocol.sent import ItemBox, SidesInfo, StrokeAdvice
 from flatcloth.viewer.worker import Background, Check
 
@@ -70,7 +70,9 @@ class SideController:
 
     # --- decisions -----------------------------------------------------------------------------
 
-    def decision(self, message: messages.Message, picture: Picture | None) -> Decision:
+    def decision(
+        self, message: messages.StrokeImage | messages.StrokeShape, picture: Frame | None
+    ) -> Decision:
         """Return the decision in a message of the page.
 
         Raises
@@ -91,10 +93,9 @@ class SideController:
             case messages.StrokeShape(side=side, points_uv_m=line, radius_m=radius, sheet=sheet):
                 places, normals = on_cloth(picture, line, sheet)
                 return SpaceStroke(side=side, points_m=places, normals=normals, radius_m=radius)
-        raise FlatclothError("This is no stroke.")
 
     def dab(
-        self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
+        self, picture: Frame | None, points_m: Floats, origin_m: Floats, direction: Floats
     ) -> ImageStroke | None:
         """Return the stroke of a click in the scene: a ray of the eye; None if it hits no cloth.
 
@@ -199,9 +200,9 @@ class SideController:
         of_view = self._page.of_view
         return [
             http.get("/sides/shape.png", lambda _: self._shape_png(self._page.picture)),
-            of_view("/sides/{view:int}.png", self._view_png),
+            of_view("/sides/{view:int}.png", partial(self._label_png, small=False)),
             of_view("/sides/{view:int}/box.json", self._item_box),
-            of_view("/sides/{view:int}/small.png", self._small_png),
+            of_view("/sides/{view:int}/small.png", partial(self._label_png, small=True)),
             of_view(
                 "/sides/{view:int}/color.jpg",
                 self._small_color,
@@ -214,21 +215,6 @@ class SideController:
         """Return the labels of a view of the recording; None if they are not known, or it shows no item."""
         found = self._found
         return None if found is None else found.view(view)
-
-    def _small_png(self, request: Request, view: int) -> bytes | None:
-        """Return a small picture of the labels of a view, as PNG; see :meth:`_view_png`."""
-        labels = self._labels(view)
-        if labels is None:
-            return None
-        shape, strokes = small_shape(*labels.side.shape), self._under_strokes(view)
-        doubt = _is_of_certainty(request)
-        return png(small_side_rgba(labels.side, labels.certainty, shape, strokes, doubt=doubt))
-
-    def _under_strokes(self, view: int) -> Bool | None:
-        """Return the cloth (h, w) of a view that is under strokes, whatever view they were drawn on."""
-        found = self._found
-        seen = None if found is None else found.observed.views.get(view)
-        return None if seen is None else np.isin(seen.cluster, self._touched)
 
     def _small_color(self, _request: Request, view: int) -> bytes | None:
         """Return the part of the image that the labels cover, as JPEG."""
@@ -251,19 +237,26 @@ class SideController:
         height, width = rows.stop - rows.start, cols.stop - cols.start
         return ItemBox(top=top + rows.start, left=left + cols.start, height=height, width=width)
 
-    def _view_png(self, request: Request, view: int) -> bytes | None:
-        """Return the labels of a view, or their certainty, as PNG; None if they are not known."""
+    def _label_png(self, request: Request, view: int, *, small: bool) -> bytes | None:
+        """Return the labels of a view, or their certainty, as PNG; None if they are not known.
+
+        What is under strokes is marked, whatever view they were drawn on; a ``small`` picture is of the item.
+        """
         found, intrinsics = self._found, self._page.integration.recording.intrinsics
         if found is None:
             return None
-        labels = found.view(view)
+        labels, seen = found.view(view), found.observed.views.get(view)
         shape = intrinsics.height, intrinsics.width
         if labels is None:
-            return png(np.zeros((*shape, 4), dtype=np.uint8))
-        strokes, doubt = self._under_strokes(view), _is_of_certainty(request)
-        return png(side_rgba(labels.side, labels.certainty, labels.offset_rc, shape, strokes, doubt=doubt))
+            return None if small else png(np.zeros((*shape, 4), dtype=np.uint8))
+        strokes = None if seen is None else np.isin(seen.cluster, self._touched)
+        doubt = request.query_params.get("layer") == "certainty"
+        known = labels.side, labels.certainty
+        if small:
+            return png(small_side_rgba(*known, small_shape(*labels.side.shape), strokes, doubt=doubt))
+        return png(side_rgba(*known, labels.offset_rc, shape, strokes, doubt=doubt))
 
-    def _shape_png(self, picture: Picture | None) -> bytes | None:
+    def _shape_png(self, picture: Frame | None) -> bytes | None:
         found = self._found
         if found is None or picture is None:
             return None
@@ -280,12 +273,8 @@ class SideController:
         return png(shape_rgba(certainty))
 
 
-def _is_of_certainty(request: Request) -> bool:
-    return request.query_params.get("layer") == "certainty"
-
-
 def on_cloth(
-    picture: Picture | None, line_uv_m: tuple[tuple[float, float], ...], sheet: SheetSide = "this"
+    picture: Frame | None, line_uv_m: tuple[tuple[float, float], ...], sheet: SheetSide = "this"
 ) -> tuple[tuple[Point3, ...], tuple[Point3, ...]]:
     """Return places and normals, object frame, of the points of a line that lie on the cloth of a side.
 

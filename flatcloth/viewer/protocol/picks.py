@@ -28,7 +28,7 @@ from flatcloth.grasping.grips import GripStore, grip_numbers
 from flatcloth.session.journal import Pick, PickDeleted, PickRenamed, SheetSide
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.messages import HoverRay, SetGrip
-from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.protocol.picture import Frame
 from flatcloth.viewer.protocol.sent import UV, ListedPick, PickInfo, RayAnswer, typed
 
 TOO_FAR_M = 0.030
@@ -59,7 +59,7 @@ class PickStore:
         self._folder = folder
         self._integration = integration
         self._added = added
-        self._pose: tuple[Picture, Pick, Grip, GraspPose | None] | None = None
+        self._pose: tuple[Frame, Pick, Grip, GraspPose | None] | None = None
         self._places: Cache[Place] = Cache(PLACES_KEPT)
         self.book = GripStore(folder.folder)
         self._loose: Pick | None = None
@@ -75,7 +75,7 @@ class PickStore:
         """The pick shown in both panes."""
         return next((p for p in self.picks if p.id == self._current[0]), None)
 
-    def _pose_of(self, pick: Pick, picture: Picture) -> GraspPose | None:
+    def _pose_of(self, pick: Pick, picture: Frame) -> GraspPose | None:
         """Return the current pick's grasp pose on a shape; None if its normal or its side is unknown."""
         if pick.side == "other" and picture.other is None:
             return None
@@ -88,7 +88,7 @@ class PickStore:
 
     def add(
         self,
-        picture: Picture | None,
+        picture: Frame | None,
         u_m: float,
         v_m: float,
         miss_m: float | None = None,
@@ -105,7 +105,7 @@ class PickStore:
         self._current = number, off_m if miss_m is None else miss_m
 
     def add_on_ray(
-        self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
+        self, picture: Frame | None, points_m: Floats, origin_m: Floats, direction: Floats
     ) -> bool:
         """Pick the first point that a click's ray hits; return False if it hits nothing."""
         picture = _shown(picture)
@@ -122,7 +122,7 @@ class PickStore:
         return True
 
     def add_near(
-        self, picture: Picture | None, place: tuple[float, ...], name: str, revision: int | None
+        self, picture: Frame | None, place: tuple[float, ...], name: str, revision: int | None
     ) -> Pick:
         """Pick the cloth at (u, v) on the plane or (x, y, z) in the object frame, metres, for a program."""
         picture = _shown(picture)
@@ -147,12 +147,12 @@ class PickStore:
         listed = self._kept if keep else self._listed
         self._current = None if pick_id is None else listed(pick_id).id, 0.0
 
-    def listed(self, picture: Picture | None) -> tuple[ListedPick, ...]:
+    def listed(self, picture: Frame | None) -> tuple[ListedPick, ...]:
         """Return the list for the page, with the place of each pick on the shape."""
         rows = [self._row(pick, picture) for pick in self.picks]
         return typed(rows, tuple[ListedPick, ...])
 
-    def _row(self, pick: Pick, picture: Picture | None) -> dict[str, Any]:
+    def _row(self, pick: Pick, picture: Frame | None) -> dict[str, Any]:
         place = None if picture is None else self._place_of(pick, picture)
         return {
             "id": pick.id,
@@ -164,7 +164,7 @@ class PickStore:
             "kept": pick is not self._loose,
         }
 
-    def current_info(self, picture: Picture | None) -> PickInfo | None:
+    def current_info(self, picture: Frame | None) -> PickInfo | None:
         """Return the numbers of the current pick; None without one, or before the first picture."""
         pick = self.current
         if pick is None or picture is None:
@@ -183,7 +183,7 @@ class PickStore:
         }
         return typed(values, PickInfo)
 
-    def _place_of(self, pick: Pick, picture: Picture) -> Place | None:
+    def _place_of(self, pick: Pick, picture: Frame) -> Place | None:
         """Return the pixel nearest to a pick, of the cloth of its side; None if that side is not known."""
         if pick.side == "other" and picture.other is None:
             return None
@@ -192,7 +192,7 @@ class PickStore:
         view = picture.side(pick.side)
         return self._places.get(key, lambda: _place(view, pick.position_held_m, pick.side))
 
-    def grip(self, picture: Picture | None, asked: SetGrip) -> None:
+    def grip(self, picture: Frame | None, asked: SetGrip) -> None:
         """Change a pick's grip: its axis, as an angle on the plane or along the outline; its opening."""
         pick, grip = self._kept(asked.id), self.book.get(asked.id)
         if asked.outline:
@@ -242,7 +242,7 @@ def faces_away(pick: Pick, axis: RotationAxis, angle_deg: float) -> bool:
     return bool(np.isfinite(towards) and towards < 0)
 
 
-def hit_by(picture: Picture | None, points_m: Floats, hover: HoverRay) -> RayAnswer:
+def hit_by(picture: Frame | None, points_m: Floats, hover: HoverRay) -> RayAnswer:
     """Return what a ray hits first among the points of the scene."""
     nothing = RayAnswer(id=hover.id)
     if picture is None or not len(points_m) or not np.linalg.norm(hover.direction) > 0:
@@ -256,7 +256,7 @@ def hit_by(picture: Picture | None, points_m: Floats, hover: HoverRay) -> RayAns
     return RayAnswer(id=hover.id, xyz_m=(x, y, z), uv_m=place.uv_m if is_near else None, sheet=place.side)
 
 
-def place_on(picture: Picture, xyz_m: Floats) -> Place:
+def place_on(picture: Frame, xyz_m: Floats) -> Place:
     """Return where a point (3,), object frame, is nearest to the cloth, on whichever side that is."""
     this = _place(picture.view, xyz_m, "this")
     if picture.other is None:
@@ -271,7 +271,7 @@ def _place(view: FlattenedView, xyz_m: Floats, side: SheetSide) -> Place:
     return Place(uv_m=(u_m, v_m), distance_m=distance_m, side=side)
 
 
-def _shown(picture: Picture | None) -> Picture:
+def _shown(picture: Frame | None) -> Frame:
     if picture is None:
         raise FlatclothError("Nothing is flattened yet; wait for the start view, then click again.")
     return picture

@@ -122,24 +122,19 @@ class OtherSheet:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Picture:
-    """The picture of a document; ``revision`` changes whenever the flattened ``view`` does.
+class Frame:
+    """What a page shows: a flattened frame of a camera, or the :class:`Picture` of a document.
 
-    ``view`` holds the shape and its floating pieces, as the ``sheet`` has laid them out; a frame of
-    a camera has no sheet.
-
-    ``document`` is None for a frame of a camera; ``other`` is the other side, if it is known.
+    ``revision`` changes whenever the flattened ``view`` does. A frame of a camera has no proposal
+    (``overlay``), and no other side.
     """
 
     revision: int
     view: FlattenedView
-    present_view: int
-    angle_deg: float
-    cloud: ViewCloud
     legends: dict[str, sent.Legend]
-    document: Document | None = None
+    present_view: int = 0
+    angle_deg: float = 0.0
     overlay: Overlay | None = None
-    sheet: Sheet | None = None
     other: OtherSheet | None = None
 
     def side(self, side: SheetSide) -> FlattenedView:
@@ -158,13 +153,26 @@ class Picture:
 
     def pieces(self, side: SheetSide) -> tuple[FlattenedView, ...]:
         """Return the shape of a side and its floating pieces, as they are exported; empty: not known."""
-        if side == "other":
-            return (
-                () if self.other is None else (self.other.sides.other.view, *self.other.sides.other.floating)
-            )
-        if self.sheet is None:
-            return (self.view,)
-        return (self.sheet.canonical.view, *self.sheet.canonical.floating)
+        return (self.view,) if side == "this" else ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture(Frame):
+    """The picture of a document; ``cloud`` is that of the present view; ``other`` None: it is not known.
+
+    ``view`` holds the shape and its floating pieces, as the ``sheet`` has laid them out.
+    """
+
+    document: Document
+    sheet: Sheet
+    cloud: ViewCloud
+
+    def pieces(self, side: SheetSide) -> tuple[FlattenedView, ...]:
+        """Return the shape of a side and its floating pieces, as they are exported; empty: not known."""
+        if side == "this":
+            return (self.sheet.canonical.view, *self.sheet.canonical.floating)
+        its = None if self.other is None else self.other.sides.other
+        return () if its is None else (its.view, *its.floating)
 
 
 def make_picture(
@@ -401,7 +409,7 @@ def values_at(
     return typed(values, sent.PixelValues)
 
 
-def described(picture: Picture | None, integration: Integration, hover: Hover) -> sent.HoverAnswer:
+def described(picture: Frame | None, integration: Integration, hover: Hover) -> sent.HoverAnswer:
     """Describe the point under the pointer, of the shape or of the other side."""
     shape = proposal = None
     if picture is not None and (hover.sheet == "this" or picture.other is not None):
@@ -438,10 +446,9 @@ def place_under(
     return sent.SourcePlace(view_index=view_index, rc=(float(place.row), float(place.col)))
 
 
-def outline_of(view: FlattenedView, motion: Rigid2 | None = None) -> list[list[UV]]:
-    """Return the borders of a view on its plane, or moved, to tenths of a millimetre."""
-    loops = outline_loops(view)
-    return [np.round(loop if motion is None else motion.apply(loop), 4).tolist() for loop in loops]
+def outline_of(view: FlattenedView) -> list[list[UV]]:
+    """Return the borders of a view on its plane, to tenths of a millimetre."""
+    return [np.round(loop, 4).tolist() for loop in outline_loops(view)]
 
 
 def of_session(
@@ -558,10 +565,10 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     }
 
 
-def layers_of(shown: Picture | OtherSheet) -> sent.Layers:
+def layers_of(shown: Frame | OtherSheet) -> sent.Layers:
     """Return the layers of the shape, of a frame, or of the other side; a proposal lies on the shape only."""
-    sheet, is_shape = shown.sheet, isinstance(shown, Picture)
-    file_of = floating_file if is_shape else other_floating_file
+    sheet = shown.sheet if isinstance(shown, Picture | OtherSheet) else None
+    file_of = other_floating_file if isinstance(shown, OtherSheet) else floating_file
     pieces = () if sheet is None else zip(sheet.pieces, pieces_of(sheet), strict=True)
     return sent.Layers(
         revision=shown.revision,
@@ -577,7 +584,7 @@ def layers_of(shown: Picture | OtherSheet) -> sent.Layers:
 
 
 def _overlay_info(picture: Picture) -> sent.OverlayInfo | None:
-    overlay, pending = picture.overlay, None if picture.document is None else picture.document.pending
+    overlay, pending = picture.overlay, picture.document.pending
     if overlay is None or pending is None:
         return None
     return sent.OverlayInfo(

@@ -148,7 +148,6 @@ class ActiveStatus(Sent, frozen=True):
     end: str | None
     waiting: str
     turning: bool
-    turns_itself: bool
     is_simulated: bool
     steps: tuple[dict[str, Any], ...]
 

@@ -91,7 +91,7 @@ def _rows(defaults: Settings) -> Iterator[Setting]:
 
 
 class SettingsStore:
-    """The settings of a session; ``folder`` None keeps them in memory only. Used by one thread.
+    """The settings of a session. Used by one thread.
 
     Raises
     ------
@@ -99,11 +99,11 @@ class SettingsStore:
         If the existing file is damaged.
     """
 
-    def __init__(self, folder: Path | None, defaults: Settings) -> None:
-        self._path = None if folder is None else folder / FILE
+    def __init__(self, folder: Path, defaults: Settings) -> None:
+        self._path = folder / FILE
         self.defaults = defaults
         self.rows = tuple(_rows(defaults))
-        self.now = defaults if self._path is None else self._read(self._path)
+        self.now = self._read()
 
     def change(self, values: Mapping[str, Any], *, reset: bool = False) -> None:
         """Change settings, after a reset to their defaults if that is wanted, and save them.
@@ -114,8 +114,7 @@ class SettingsStore:
             If a value is of another type or out of its range, or the file cannot be written.
         """
         settings = self._with(values, self.defaults if reset else self.now)
-        if self._path is not None:
-            write_kept(self._path, {"format": FORMAT, **structs.asdict(settings)})
+        write_kept(self._path, {"format": FORMAT, **structs.asdict(settings)})
         self.now = settings
 
     def _with(self, values: Mapping[str, Any], before: Settings) -> Settings:
@@ -126,8 +125,8 @@ class SettingsStore:
             name = titles.get(error.where, error.where)
             raise FlatclothError(f"{name}: {error.found} cannot be set.") from error
 
-    def _read(self, path: Path) -> Settings:
-        kept = read_kept(path, dict[str, Any], _REMEDY)
+    def _read(self) -> Settings:
+        kept = read_kept(self._path, dict[str, Any], _REMEDY)
         if kept is None:
             return self.defaults
         try:
@@ -135,4 +134,4 @@ class SettingsStore:
                 raise FlatclothError(f"its format is not {FORMAT}")
             return self._with({k: v for k, v in kept.items() if hasattr(self.defaults, k)}, self.defaults)
         except FlatclothError as error:
-            raise FlatclothError(f"{path}: damaged ({error}). {_REMEDY}") from error
+            raise FlatclothError(f"{self._path}: damaged ({error}). {_REMEDY}") from error

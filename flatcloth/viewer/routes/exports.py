@@ -42,19 +42,21 @@ class ExportRoutes:
         if self.waiting >= MOST_WAITING:
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
 
+        page = self._page
+
         def make(check: Callable[[], None]) -> bytes:
             with one_at_a_time(check):
-                history, integration = read_history(self._page.folder.folder), self._page.integration
-                opened = OpenedSession(history, integration, lambda *_: check(), self._kept)
+                history = read_history(page.folder.folder)
+                opened = OpenedSession(history, page.integration, lambda *_: check(), self._kept)
                 check()
                 return made(opened, name)
 
         self.waiting += 1
         try:
-            data = await made_for(request, self._page.executor, "export", make, f"exporting {name}")
+            data = await made_for(request, page.executor, "export", make, f"exporting {name}")
         finally:
             self.waiting -= 1
         # As a download, never shown with the page's origin: its texts come from the recording.
-        stem = re.sub(r"[^A-Za-z0-9._-]+", "-", self._page.integration.recording.name).strip("-.")[:60]
+        stem = re.sub(r"[^A-Za-z0-9._-]+", "-", page.integration.recording.name).strip("-.")[:60]
         headers = {"Content-Disposition": f'attachment; filename="{stem or "flatcloth"}-{name}"'}
         return Response(data, media_type=media, headers=headers)

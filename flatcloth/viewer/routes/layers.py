@@ -26,7 +26,7 @@ from flatcloth.rendering.pictures import jpeg
 from flatcloth.rendering.sides import state_legend, state_rgba
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.protocol.picture import place_in_view
+from flatcloth.viewer.protocol.picture import Picture, place_in_view
 from flatcloth.viewer.protocol.sent import SeenView, SeenViews
 
 PICTURES_KEPT = 16
@@ -109,12 +109,11 @@ def source_routes(page: PageController) -> list[BaseRoute]:
     def states(request: Request, view: int) -> Any:
         revision, kind = request.path_params["revision"], request.path_params["kind"]
         picture = page.picture
-        document = None if picture is None or picture.revision != revision else picture.document
-        if document is None or kind not in ("png", "json"):
+        if not isinstance(picture, Picture) or picture.revision != revision or kind not in ("png", "json"):
             return None
         key = "states", view, revision, axis_key()
         find = states_of, missing_pixels
-        found = kept.get(key, lambda: tuple(each(integration, document, view) for each in find))
+        found = kept.get(key, lambda: tuple(each(integration, picture.document, view) for each in find))
         return state_legend(*found) if kind == "json" else layers.png(state_rgba(*found))
 
     def seen(request: Request) -> Any:

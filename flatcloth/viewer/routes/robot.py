@@ -36,7 +36,6 @@ from flatcloth.export.data import png_bytes
 from flatcloth.export.garment import garment_document
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import BASE_FROM_CAMERA, quaternion_wxyz
-from flatcloth.session.document import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.picture import Picture
@@ -98,9 +97,9 @@ class RobotAnswers:
 
     def shape(self) -> dict[str, Any]:
         """Return the shape with its garment, or the reason why there is none."""
-        picture, document = self.picture()
-        known = self.page.garments.known(document)
-        about = self._shape_of(picture, document)
+        picture = self.picture()
+        known = self.page.garments.known(picture.document)
+        about = _shape_of(picture)
         shape = {
             "protocol": PROTOCOL,
             "recording": self.page.integration.recording.name,
@@ -148,31 +147,29 @@ class RobotAnswers:
         """Return what the page shows, None before the first shape; kept for all robots until it changes."""
         page = self.page
         picture, known = page.picture, page.garments.last
-        if picture is None or picture.document is None:
+        if not isinstance(picture, Picture):
             return None
         made_of = picture, page.picks, self.page.integration.axis, dict(page.grips), known
         with self._lock:
             if not _same(self._made_of, made_of) or len(self._kept) >= _ROTATIONS_KEPT:
                 self._made_of, self._kept = made_of, {}
             if rotation_deg not in self._kept:
-                self._kept[rotation_deg] = self._presented(picture, picture.document, known, rotation_deg)
+                self._kept[rotation_deg] = self._presented(picture, known, rotation_deg)
             return self._kept[rotation_deg]
 
-    def _presented(
-        self, picture: Picture, document: Document, known: KnownGarment | None, rotation_deg: float | None
-    ) -> Shown:
+    def _presented(self, picture: Picture, known: KnownGarment | None, rotation_deg: float | None) -> Shown:
         """Return what a picture shows; the garment only once the page has recognised it."""
-        canonical = None if picture.sheet is None else picture.sheet.canonical
-        if known is not None and (canonical is None or not known.is_of(canonical)):
+        canonical = picture.sheet.canonical
+        if known is not None and not known.is_of(canonical):
             known = None
         grasps = self.page.grasps(rotation_deg, with_garment=known is not None)
         kind = None if known is None or known.found.kind == NONE else known.found.kind
-        shape, view = self._shape_of(picture, document), picture.pieces("this")[0]
+        shape = _shape_of(picture)
         events = events_of(shape, grasps, kind, recognised=known is not None)
-        return Shown(shape=shape, view=view, document=grasps, events=events)
+        return Shown(shape=shape, view=canonical.view, document=grasps, events=events)
 
-    def picture(self) -> tuple[Picture, Document]:
-        """Return the shown picture, and its document.
+    def picture(self) -> Picture:
+        """Return the shown picture.
 
         Raises
         ------
@@ -180,18 +177,18 @@ class RobotAnswers:
             If nothing is flattened yet.
         """
         picture = self.page.picture
-        if picture is None or picture.document is None:
+        if not isinstance(picture, Picture):
             raise FlatclothError("Nothing is flattened yet; step first.")
-        return picture, picture.document
+        return picture
 
-    def _shape_of(self, picture: Picture, document: Document) -> ShapeChanged:
-        area_m2 = picture.view.area_m2 if picture.sheet is None else picture.sheet.shape_m2
-        return ShapeChanged(
-            revision=picture.revision,
-            views=sorted(document.used_views),
-            area_cm2=round(1e4 * area_m2, 1),
-            rotation_deg=picture.angle_deg,
-        )
+
+def _shape_of(picture: Picture) -> ShapeChanged:
+    return ShapeChanged(
+        revision=picture.revision,
+        views=sorted(picture.document.used_views),
+        area_cm2=round(1e4 * picture.sheet.shape_m2, 1),
+        rotation_deg=picture.angle_deg,
+    )
 
 
 def events_of(shape: ShapeChanged, document: dict[str, Any], kind: str | None, *, recognised: bool) -> Events:

@@ -90,7 +90,7 @@ def clouds_of(picture: Picture, axis: RotationAxis, n_views: int, color: str = "
     grey = (0.25 * live.rgb + 0.75 * _GREY).astype(np.uint8)
     is_own = live.of_interest & (color == "color")
     shown = Cloud(live.xyz_m, np.where(is_own[:, None], live.rgb, grey), 0.0015)
-    return {LIVE: shown if picture.sheet is None else _apart(shown, held), HELD: held, PROPOSAL: new}
+    return {LIVE: _apart(shown, held), HELD: held, PROPOSAL: new}
 
 
 def _apart(cloud: Cloud, of: Cloud) -> Cloud:
@@ -104,7 +104,7 @@ def _apart(cloud: Cloud, of: Cloud) -> Cloud:
 
 def _with_pieces(cloud: Cloud, picture: Picture, color: str) -> Cloud:
     """Tint the points of floating pieces in the colours that the flattened view marks them with."""
-    if picture.sheet is None or not picture.sheet.pieces or color != "color":
+    if not picture.sheet.pieces or color != "color":
         return cloud
     piece = picture.sheet.piece[picture.view.valid]
     colors = cloud.colors.astype(np.float64)

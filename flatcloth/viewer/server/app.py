@@ -141,7 +141,7 @@ class PageServer:
     @property
     def session(self) -> Path | None:
         """The folder of the open session."""
-        return None if self._now is None else self._now.application.place
+        return None if self._now is None else self._now.application.folder.folder
 
     @property
     def application(self) -> PageController:
