@@ -26,14 +26,11 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The time in seconds that cameras see: a busy computer does not make it later."""
-    now_s = [100.0]
-
-    def sleep(seconds: float) -> None:
-        now_s[0] += seconds
-
-    monkeypatch.setattr(playback, "time", SimpleNamespace(monotonic=lambda: now_s[0], sleep=sleep))
-    return now_s
+    """Seconds whose sum is the time that a played camera sees: a busy computer does not make it later."""
+    passed_s = [100.0]
+    time = SimpleNamespace(monotonic=lambda: sum(passed_s), sleep=passed_s.append)
+    monkeypatch.setattr(playback, "time", time)
+    return passed_s
 
 
 def test_a_file_plays_in_the_place_of_a_camera(file: Path, clock: list[float]) -> None:
@@ -42,7 +39,7 @@ def test_a_file_plays_in_the_place_of_a_camera(file: Path, clock: list[float]) -
     assert (camera.name, camera.intrinsics, camera.fps) == ("still.db3", CAMERA, 15.0)
     assert "in place of a camera" in camera.notes[0]
     frames = [camera.read() for _ in range(8)]
-    assert clock[0] == pytest.approx(100.0 + 7 / 15, abs=0.01)  # at its own pace: 7 periods of 1/15 s
+    assert sum(clock) == pytest.approx(100.0 + 7 / 15, abs=0.01)  # at its own pace: 7 periods of 1/15 s
     assert [f.time_s for f in frames] == sorted({f.time_s for f in frames})
     view = frames[0].rgbd(camera)
     assert view.depth_m[0, 0] == pytest.approx(WALL_M, abs=0.02)
@@ -70,7 +67,7 @@ def test_a_frame_is_filtered_while_it_is_measured(file: Path) -> None:
 def test_a_slow_reader_misses_frames_instead_of_lagging_behind(file: Path, clock: list[float]) -> None:
     camera = PlaybackCamera(file)
     first = camera.read()
-    clock[0] += 0.4
+    clock.append(0.4)
     assert camera.read().time_s - first.time_s > 0.3
     camera.close()
 
