@@ -81,8 +81,6 @@ class RobustConfig:
 
     accept_confidence: float = 0.5
     """Least score of a proposal that is accepted without an operator: half at 15 mm (``scoring.py``)."""
-    most_views: int = 14
-    """Decides nothing any more: sessions that began with it open."""
     least_new_m2: float = 0.002
     """Least new area for which the item is turned once more: 20 cm2."""
 

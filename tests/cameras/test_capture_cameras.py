@@ -1,6 +1,5 @@
 """Cameras: a file in the place of one, the real one over a played file, and what they may show wrong."""
 
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +9,7 @@ import pytest
 from realsense_files import HEIGHT, WALL_M, WIDTH, turning, write_realsense
 from scenes import CAMERA, Cylinder, frame
 
-from flatcloth.cameras import CameraEndedError, CameraError, open_camera, realsense
+from flatcloth.cameras import CameraEndedError, CameraError, open_camera, playback, realsense
 from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.playback import PlaybackCamera
 from flatcloth.cameras.realsense import RealsenseCamera
@@ -25,14 +24,22 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_realsense(folder / "still.db3", turning(lambda _t: 0.0, 1.0))
 
 
-def test_a_file_plays_in_the_place_of_a_camera(file: Path) -> None:
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Seconds whose sum is the time that a played camera sees: a busy computer does not make it later."""
+    passed_s = [100.0]
+    time = SimpleNamespace(monotonic=lambda: sum(passed_s), sleep=passed_s.append)
+    monkeypatch.setattr(playback, "time", time)
+    return passed_s
+
+
+def test_a_file_plays_in_the_place_of_a_camera(file: Path, clock: list[float]) -> None:
     camera = open_camera(str(file))
     assert isinstance(camera, PlaybackCamera)
     assert (camera.name, camera.intrinsics, camera.fps) == ("still.db3", CAMERA, 15.0)
     assert "in place of a camera" in camera.notes[0]
-    began = time.monotonic()
     frames = [camera.read() for _ in range(8)]
-    assert time.monotonic() - began > 0.4  # at its own pace: 7 periods of 1/15 s
+    assert sum(clock) == pytest.approx(100.0 + 7 / 15, abs=0.01)  # at its own pace: 7 periods of 1/15 s
     assert [f.time_s for f in frames] == sorted({f.time_s for f in frames})
     view = frames[0].rgbd(camera)
     assert view.depth_m[0, 0] == pytest.approx(WALL_M, abs=0.02)
@@ -57,10 +64,10 @@ def test_a_frame_is_filtered_while_it_is_measured(file: Path) -> None:
     assert noise[True] < 0.8 * noise[False]
 
 
-def test_a_slow_reader_misses_frames_instead_of_lagging_behind(file: Path) -> None:
+def test_a_slow_reader_misses_frames_instead_of_lagging_behind(file: Path, clock: list[float]) -> None:
     camera = PlaybackCamera(file)
     first = camera.read()
-    time.sleep(0.4)
+    clock.append(0.4)
     assert camera.read().time_s - first.time_s > 0.3
     camera.close()
 

@@ -103,7 +103,7 @@ ON_CLOTH = {
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (None, "strokes.json: missing, or not a file. Restore it"),
+        (None, r"strokes.json: cannot be read \(No such file"),
         ("no json", "not valid JSON"),
         ('{"format": "other"}', 'its "format" must be "flatcloth-strokes/1"'),
         (decisions({"kind": "dab"}), r"decisions\[0\]: no stroke; its kind"),

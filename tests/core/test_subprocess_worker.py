@@ -96,13 +96,6 @@ def test_the_death_of_a_worker_is_an_error(worker: Worker, do: str, said: str) -
         worker.ask({"do": "double", "say": 1})
 
 
-def test_a_worker_that_is_silent_is_ended(monkeypatch: pytest.MonkeyPatch, worker: Worker) -> None:
-    monkeypatch.setattr(worker, "_patience_s", 0.3)
-    with pytest.raises(WorkerLostError, match="did not answer in time"):
-        worker.ask({"do": "hang"})
-    assert not worker.close.alive
-
-
 def test_a_worker_that_gets_no_processor_time_is_waited_for(
     monkeypatch: pytest.MonkeyPatch, worker: Worker
 ) -> None:
@@ -114,13 +107,15 @@ def test_a_worker_that_gets_no_processor_time_is_waited_for(
             worker.ask({"do": "hang"})
 
 
-def test_a_worker_that_computes_without_end_is_ended(monkeypatch: pytest.MonkeyPatch, worker: Worker) -> None:
+@pytest.mark.parametrize("do", ["hang", "spin"])
+def test_a_worker_that_is_silent_is_ended(monkeypatch: pytest.MonkeyPatch, worker: Worker, do: str) -> None:
     monkeypatch.setattr(worker, "_patience_s", 0.3)
     with (
         pytest.raises(RecordingError, match=r"^a\.bag: its reader did not answer in time\. The computer"),
         reader_errors_as(RecordingError, Path("a.bag"), "damaged", "Copy it again."),
     ):
-        worker.ask({"do": "spin"})
+        worker.ask({"do": do})
+    assert not worker.close.alive
     with (
         pytest.raises(RecordingError, match=r"^a\.bag: damaged: its reader crashed\. Copy it again\.$"),
         reader_errors_as(RecordingError, Path("a.bag"), "damaged", "Copy it again."),

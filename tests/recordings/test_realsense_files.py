@@ -298,7 +298,7 @@ def damaged_files(folder: Path, whole: bytes) -> dict[Path, str]:
     return {
         **{folder / name: message for name, (_, message) in contents.items()},
         folder / "folder.db3": "a folder, not a file",
-        folder / "none.db3": "no such file",
+        folder / "none.db3": "No such file",
         database: "not a RealSense recording",
     }
 

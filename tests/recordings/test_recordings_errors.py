@@ -212,7 +212,7 @@ def replaced(make: Callable[[Path], object]) -> Callable[[Path], None]:
 
 NO_IMAGES = (b"", b"text", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"\xff\xd8\xff\xe0\0\0")
 DAMAGES: list[tuple[str, Callable[[Path], object], str]] = [
-    *((file, Path.unlink, "missing") for file in IMAGES),
+    *((file, Path.unlink, "No such file") for file in IMAGES),
     *((file, lambda path, data=data: path.write_bytes(data), "not a readable PNG or JPEG")
       for file in IMAGES for data in NO_IMAGES),
     ("recording.json", replaced(Path.mkdir), "missing"),

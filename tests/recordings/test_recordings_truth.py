@@ -53,7 +53,7 @@ def test_truth_images_are_checked(folder: Path) -> None:
     (folder / "truth" / "0.png").unlink()
     write_image(folder / "truth" / "1.png", np.ones((HEIGHT, WIDTH), dtype=np.uint16))
     write_image(folder / "truth" / "2.png", np.ones((HEIGHT, WIDTH - 1, 3), dtype=np.uint16))
-    for view_index, cause in ((0, "missing"), (1, "three channels"), (2, "intrinsics are for")):
+    for view_index, cause in ((0, "No such file"), (1, "three channels"), (2, "intrinsics are for")):
         with pytest.raises(RecordingError, match=cause):
             truth[view_index]
     with pytest.raises(IndexError):

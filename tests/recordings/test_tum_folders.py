@@ -67,7 +67,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
         (good.replace("1305031102.175304 ", "nan ", 1), "line 1 has the time nan"),
         (good.replace(" rgb/", " ../rgb/", 1), "inside the folder"),
         (good.replace(" rgb/", " /rgb/", 1), "inside the folder"),
-        (good.replace(" rgb/1305031102", " rgb/other", 1), "missing"),
+        (good.replace(" rgb/1305031102", " rgb/other", 1), "No such file"),
     ):
         (folder / "associations.txt").write_text(text)
         refused(folder, cause)

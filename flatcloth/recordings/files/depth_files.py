@@ -18,13 +18,12 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.core.errors import RecordingError, os_errors_as
-from flatcloth.core.plain_files import open_plain
+from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float32, Intrinsics, Uint8
 from flatcloth.recordings.files.camera import MOST_PIXELS, Lens, checked_intrinsics, checked_lens
-from flatcloth.recordings.files.images import ImageHeader, read_bytes, read_header
+from flatcloth.recordings.files.images import MAX_FILE_BYTES, ImageHeader, read_header
 from flatcloth.recordings.files.libraries import damage_told, load_with_libusb
-from flatcloth.recordings.files.text import failing
+from flatcloth.recordings.files.text import failing, opened, read_bytes
 
 _PCD = b"# .PCD"
 _HEADER_BYTES = 4096
@@ -53,7 +52,7 @@ class OrganisedCloud:
 
 def read_pcd_header(path: Path) -> ImageHeader:
     """Read the header of an organised PCD file as that of a depth image."""
-    with os_errors_as(RecordingError, f"{path}: cannot be read", "Restore it."), open_plain(path) as file:
+    with opened(path) as file:
         start = file.read(_HEADER_BYTES)
         size = file.seek(0, 2)
     fail = failing(path)
@@ -80,7 +79,7 @@ def read_pcd_header(path: Path) -> ImageHeader:
         )
     n = width * height
     if found[1] == b"ascii":
-        is_whole = len(read_bytes(path)[found.end() :].split()) >= n * sum(counts)
+        is_whole = len(read_bytes(path, MAX_FILE_BYTES)[found.end() :].split()) >= n * sum(counts)
     else:  # Open3D sees whether packed points are whole
         is_whole = found[1] != b"binary" or size >= found.end() + n * int(np.dot(sizes, counts))
     if not is_whole:
@@ -169,7 +168,7 @@ def read_depth_header(path: Path) -> ImageHeader:
         If the file is missing, unreadable, damaged or not a depth image.
     """
     try:
-        with open_plain(path) as file:
+        with opened(path) as file:
             start = file.read(8)
             if start[:4] in _TIFF:
                 header = _tiff_header(file, _TIFF[start[:4]])
@@ -185,8 +184,6 @@ def read_depth_header(path: Path) -> ImageHeader:
                 header = read_pcd_header(path)
             else:
                 header = read_header(path)
-    except OSError:
-        header = read_header(path)  # raises the error
     except (ValueError, struct.error, IndexError, OverflowError, EOFError):
         header = None
     if header is None:

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.core.errors import RecordingError, os_errors_as
-from flatcloth.core.plain_files import open_plain, read_plain
+from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float32, Intrinsics, Uint8
+from flatcloth.recordings.files.text import opened, read_bytes
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
@@ -69,14 +69,7 @@ def read_header(path: Path) -> ImageHeader:
     RecordingError
         If the file is missing, not a regular file, unreadable or neither PNG nor JPEG.
     """
-    if not path.exists():
-        raise RecordingError(f"{path}: missing. Restore the image, or correct the list that names it.")
-    if not path.is_file():
-        raise RecordingError(f"{path}: not a file. Name an image file instead.")
-    with (
-        os_errors_as(RecordingError, f"{path}: cannot be read", "Check its permissions."),
-        open_plain(path) as file,
-    ):
+    with opened(path, "Restore the image, or correct the list that names it.") as file:
         start = file.read(33)
         header = png_header(start)
         if start.startswith(b"\xff\xd8"):
@@ -159,19 +152,11 @@ def decode_color(path: Path) -> Uint8:
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-def read_bytes(path: Path) -> bytes:
-    """Return the content of an image file of at most ``MAX_FILE_BYTES``."""
-    with os_errors_as(
-        RecordingError, f"{path}: cannot be read", "Check that it exists, and its permissions."
-    ):
-        return read_plain(path, MAX_FILE_BYTES)
-
-
 def decode_raw(
     path: Path, dtype: np.dtype[Any] | type[np.uint8 | np.uint16], flags: int = -1
 ) -> NDArray[Any]:
     """Return the pixels, as OpenCV's flags say (-1: unchanged), of an image whose header was checked."""
-    data = read_bytes(path)
+    data = read_bytes(path, MAX_FILE_BYTES)
     # OpenCV returns a truncated image with its missing pixels set to zero or gray, without an error.
     if not is_whole(data):
         raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.")
@@ -215,7 +200,7 @@ def is_whole(data: bytes) -> bool:
 def decode_depth(path: Path, header: ImageHeader) -> NDArray[Any]:
     """Return the values (H, W) of a depth image whose header was checked; raises if it is damaged."""
     if header.kind == "npy":
-        values: NDArray[Any] = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
+        values: NDArray[Any] = np.load(io.BytesIO(read_bytes(path, MAX_FILE_BYTES)), allow_pickle=False)
         values = values.reshape(header.height, header.width)
     else:
         values = decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.core.errors import FlatclothError, RecordingError
-from flatcloth.recordings.files.text import shortened
+from flatcloth.recordings.files.text import library_errors_as
 
 
 def load_with_libusb(name: str, kind: type[FlatclothError], need: str, packages: str) -> Any:
@@ -63,12 +63,8 @@ def damage_told(path: Path) -> Iterator[None]:
         kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
         try:
             os.dup2(nowhere, 2)
-            yield
-        except (RecordingError, MemoryError):
-            raise
-        except Exception as error:  # a library may raise anything
-            cause = f"truncated or damaged ({shortened(' '.join(str(error).split()), 120)})"
-            raise RecordingError(f"{path}: {cause}. Copy or export the image again.") from error
+            with library_errors_as(f"{path}: truncated or damaged", "Copy or export the image again."):
+                yield
         finally:
             os.dup2(kept, 2)
             os.close(kept)

@@ -1,18 +1,19 @@
-"""Text in files: read with limits, shortened for messages and titles; file names in it are checked."""
+"""Files of a recording, opened and read with limits; their text in messages; the file names in them."""
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any, NoReturn
+from typing import Any, BinaryIO, NoReturn
 from xml.etree import ElementTree
 
 from flatcloth.core.decoding import parse_json
 from flatcloth.core.errors import RecordingError, os_errors_as
-from flatcloth.core.plain_files import MOST_TEXT_BYTES, read_plain
+from flatcloth.core.plain_files import MOST_TEXT_BYTES, open_plain, read_plain
 
 MOST_TABLE_BYTES = 1_000_000
 """Largest file of YAML or XML that is read. Chosen: a description of a camera is a hundredth of it."""
@@ -31,6 +32,32 @@ def failing(where: object) -> Fail:
     return fail
 
 
+@contextlib.contextmanager
+def opened(path: Path, remedy: str = "Restore it, and check its permissions.") -> Iterator[BinaryIO]:
+    """Open a file of a recording; raises ``RecordingError`` if it is missing, unreadable, or none."""
+    with os_errors_as(RecordingError, f"{path}: cannot be read", remedy), open_plain(path) as file:
+        yield file
+
+
+@contextlib.contextmanager
+def library_errors_as(what: str, remedy: str) -> Iterator[None]:
+    """Raise what a library raises on a damaged file as ``RecordingError``: ``what`` (cause). ``remedy``."""
+    try:
+        yield
+    except (RecordingError, MemoryError):
+        raise
+    except Exception as error:  # a library may raise anything
+        cause = shortened(" ".join(str(error).split()), 160) or type(error).__name__
+        raise RecordingError(f"{what} ({cause}). {remedy}") from error
+
+
+def read_bytes(path: Path, most_bytes: int) -> bytes:
+    """Return the content of a file of a recording; raises as :func:`opened`, and if it is larger."""
+    remedy = "Restore it, check its permissions, or make it smaller."
+    with os_errors_as(RecordingError, f"{path}: cannot be read", remedy):
+        return read_plain(path, most_bytes)
+
+
 def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
     """Return the text of a list or description in a recording.
 
@@ -39,14 +66,8 @@ def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
     RecordingError
         If it is missing, unreadable, not UTF-8, or too large.
     """
-    if not path.is_file():
-        raise RecordingError(f"{path}: missing, or not a file. Restore it.")
-    with os_errors_as(
-        RecordingError, f"{path}: cannot be read", "Check its permissions, and split long lists."
-    ):
-        data = read_plain(path, most_bytes)
     try:
-        return data.decode("utf-8-sig")
+        return read_bytes(path, most_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path}: not UTF-8 text. Save it as UTF-8.") from error
 
@@ -84,7 +105,7 @@ def load_table(path: Path) -> Any:
 
     Numbers may be text: YAML 1.1 takes ``1e-05`` for it, and XML has nothing else.
     """
-    kind, fail = path.suffix.lower().removeprefix("."), failing(path)
+    kind = path.suffix.lower().removeprefix(".")
 
     def of_xml(text: str) -> Any:
         def plain(element: ElementTree.Element) -> Any:
@@ -94,13 +115,10 @@ def load_table(path: Path) -> Any:
 
     parsers = {"json": parse_json, "yaml": _of_yaml, "yml": _of_yaml, "xml": of_xml}
     if kind not in parsers:
-        fail(f".{kind} is not a table's file name ending", "Give .json, .yaml or .xml.")
+        failing(path)(f".{kind} is not a table's file name ending", "Give .json, .yaml or .xml.")
     text = read_text(path, MOST_TEXT_BYTES if kind == "json" else MOST_TABLE_BYTES)
-    try:
+    with library_errors_as(f"{path}: not valid {kind.upper()}", "Correct it at this place."):
         return parsers[kind](text)
-    except Exception as error:  # noqa: BLE001 - constructors of YAML's dates raise what they want
-        cause = shortened(" ".join(str(error).split()), 120)
-    fail(f"not valid {kind.upper()} ({cause})", "Correct it at this place.")
 
 
 def _of_yaml(text: str) -> Any:

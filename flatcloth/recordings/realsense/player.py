@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.core.errors import RecordingError, os_errors_as
+from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.types import Uint8
 from flatcloth.recordings.files.libraries import load_realsense
+from flatcloth.recordings.files.text import opened
 from flatcloth.recordings.formats.camera_file import camera_of_table
 
 Uint16 = NDArray[np.uint16]
@@ -360,13 +361,8 @@ def stop_playing(pipeline: Any, playback: Any) -> None:
 
 
 def _check_file(path: Path) -> None:
-    with os_errors_as(RecordingError, f"{path}: cannot be read", "Check its permissions."):
-        if not path.exists():
-            raise RecordingError(f"{path}: no such file. Give a RealSense recording, .db3 or .bag.")
-        if not path.is_file():
-            raise RecordingError(f"{path}: a folder, not a file. Give the .db3 or .bag file in it.")
-        with open_plain(path) as file:
-            start = file.read(16)
+    with opened(path, "Give the .db3 or .bag file of a RealSense recording.") as file:
+        start = file.read(16)
     if not start:
         raise RecordingError(f"{path}: empty. Record it again.")
     kind = ".db3" if start.startswith(_SQLITE) else ".bag" if start.startswith(_ROSBAG) else None

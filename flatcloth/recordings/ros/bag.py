@@ -11,14 +11,13 @@ import struct
 import threading
 import weakref
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_plain
-from flatcloth.recordings.files.text import shortened
+from flatcloth.recordings.files.text import library_errors_as
 
 RAW, COMPRESSED, CAMERA_INFO = (
     f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo")
@@ -117,18 +116,10 @@ class Bag:
                     return self._decode(raw, kind)
         raise RecordingError(f"{self._path}: has changed since it was opened. Open it again.")
 
-    @contextlib.contextmanager
-    def _read_errors(self) -> Iterator[None]:
-        try:
-            yield
-        except (RecordingError, MemoryError):
-            raise
-        except Exception as error:  # on a damaged file the library may raise anything
-            text = shortened(" ".join(str(error).split()), 160) or type(error).__name__
-            raise RecordingError(
-                f"{self._path}: cannot be read as a ROS recording ({text}). "
-                f"Copy it again, or repair it with {_REPAIRS.get(self._path.suffix, 'ros2 bag reindex')}."
-            ) from error
+    def _read_errors(self) -> contextlib.AbstractContextManager[None]:
+        repair = _REPAIRS.get(self._path.suffix, "ros2 bag reindex")
+        remedy = f"Copy it again, or repair it with {repair}."
+        return library_errors_as(f"{self._path}: cannot be read as a ROS recording", remedy)
 
 
 def data_files(folder: Path) -> list[Path]:
