@@ -290,25 +290,17 @@ startScene(startKeys({ state: () => page.state, modes: modesNow, mayMove, run })
 setTimeout(openScene, PATIENCE_MS);
 page.each("hovered", null);
 
-// For tests: the state, what is shown, and each panel's status, or the panel itself, by its name.
+// For tests: what is shown, and the parts of the page by their names.
 const shown = {
   state: () => page.state,
-  revision: () => page.state?.revision ?? 0,
   step: () => page.state?.step ?? 0,
   phase: () => page.state?.phase ?? null,
   pick: () => page.state?.pick ?? null,
-  teaching: () => teaching?.status ?? { open: false },
   layerRevision: () => canvas.layerRevision,
-  marksDrawn: () => canvas.marksDrawn,
-  layerShown: () => canvas.layer.shown?.address ?? null,
-  pairEnds: () => repair.status.ends,
-  differenceShown: () => comparison.shownKind,
   overlayRevision: () => canvas.overlay.shown?.revision ?? 0,
+  teaching: () => teaching,
 };
-const flatcloth = { toScreen: canvas.toScreen.bind(canvas), toPlane: canvas.toPlane.bind(canvas), send };
+const flatcloth = { canvas, toScreen: canvas.toScreen.bind(canvas), toPlane: canvas.toPlane.bind(canvas), send };
+for (const panel of page.panels) if (panel.name) Object.assign(flatcloth, { [panel.name]: panel });
 for (const [name, get] of Object.entries(shown)) Object.defineProperty(flatcloth, name, { get });
-for (const panel of page.panels) {
-  if (!panel.name || panel.name in flatcloth) continue;
-  Object.defineProperty(flatcloth, panel.name, { get: () => panel.status ?? panel });
-}
 Object.assign(window, { flatcloth });

@@ -9,7 +9,6 @@ import { cm2, floatingOf, number } from "../page/format.js";
 const SHEETS = ["this", "other"];
 
 export class BothSides extends PagePart {
-  name = "bothSides";
   turnsOnceKnown = false;
   actions = { turn_over: () => this.turnOver(), beside: () => this.toggleBeside() };
   section = byId("both-sides");
@@ -26,13 +25,6 @@ export class BothSides extends PagePart {
 
   get pressed() {
     return { turn_over: this.canvas.side === "other", beside: this.canvas.beside.wanted };
-  }
-
-  get status() {
-    const { side, beside } = this.canvas;
-    /** Where a place of the other side is on the screen. @param {number} u @param {number} v */
-    const toScreen = (u, v) => this.canvas.toScreen(...(this.canvas.shownAt("other", [u, v]) ?? [NaN, NaN]));
-    return { side, beside: Boolean(beside.picture.shown), toScreen };
   }
 
   update(/** @type {State} */ state) {

@@ -122,10 +122,4 @@ export class Handles {
     named.push(at);
     pen.label(ghost.title, at);
   }
-
-  get status() {
-    const { places, snapped } = this;
-    const ghosts = this.held?.ghosts.map((ghost) => this.canvas.byOf(ghost.motion)) ?? [];
-    return { places, ghosts, snapped, scale: this.canvas.transform.scale };
-  }
 }

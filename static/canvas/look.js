@@ -25,7 +25,6 @@ const OF_A_CAMERA = ["show_view", "follow"];
 export const layerAction = (/** @type {string} */ layer) => `layer_${layer}`;
 
 export class Looking extends PagePart {
-  name = "looking";
   actions = {
     look: () => this.toggle(),
     turn_left_seen: () => this.turnBy(-1),

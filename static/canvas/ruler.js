@@ -9,7 +9,6 @@ const LEAST_PX = 3;
 /** @typedef {{ from: { u: number; v: number }; to: { u: number; v: number } }} Line */
 
 export class Ruler extends PagePart {
-  name = "ruler";
   actions = { ruler: () => this.toggle() };
   on = false;
   line = /** @type {Line | null} */ (null);

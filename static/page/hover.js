@@ -3,7 +3,6 @@
 import { PagePart } from "./page.js";
 
 export class Hover extends PagePart {
-  name = "hover";
   last = /** @type {Place | null} */ (null); // where the pointer is
   about = ""; // what the last state showed there
   question = this.page.question(

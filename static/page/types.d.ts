@@ -79,7 +79,7 @@ declare global {
   type Overlay = { drawOver: Drawer; drawInScene: SceneDrawer } & Tool;
   /** A part of the page; each member may be left out. */
   interface Panel extends Partial<Omit<Overlay, "press">> {
-    /** Under which its `status` stands in `window.flatcloth`. */
+    /** Under which tests find it in `window.flatcloth`. */
     name?: string;
     /** Takes each state of the server. */
     update?(state: State): void;
@@ -114,8 +114,6 @@ declare global {
     pressed?: Record<string, boolean>;
     /** False: Accept waits, as its button now says. */
     mayAccept?(state: State): boolean;
-    /** For tests. */
-    status?: unknown;
   }
   type PanelEvent =
     | "update"

@@ -376,17 +376,6 @@ export class SourcePanel extends PagePart {
     if (this.pick.view_index === this.view) return this.pick.source_rc;
     return this.seenIn.value?.seen.find((one) => one.view_index === this.view)?.rc ?? null;
   }
-
-  /** For tests: what is drawn. */
-  get status() {
-    return {
-      view: this.view,
-      aim: this.aim,
-      folded: this.folded.on,
-      drawn: this.drawn,
-      seen: this.seenIn.value?.seen.map((one) => one.view_index) ?? null,
-    };
-  }
 }
 
 /** @typedef {{ clientX: number; clientY: number }} Pointed */

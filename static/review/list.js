@@ -151,9 +151,4 @@ export class ReviewList extends PagePart {
     }
     taken(event);
   }
-
-  get status() {
-    const rows = findAll("tbody [data-id^='row-']", this.section);
-    return { open: !this.section.hidden, rows: rows.map((row) => Number(row.textContent)) };
-  }
 }

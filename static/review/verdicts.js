@@ -9,7 +9,6 @@ import { DECIDED, described } from "./timeline.js";
 const WAITING = ["pending", "skipped"];
 
 export class Verdicts extends PagePart {
-  name = "verdicts";
   chosen = /** @type {number | null} */ (null); // index of the view that is chosen on the timeline
   actions = {
     reopen: () => this.reopenChosen(this.page.state),

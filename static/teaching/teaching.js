@@ -48,19 +48,6 @@ export class Teaching {
     return this.known[this.stage.part];
   }
 
-  /** What tests want to know. */
-  get status() {
-    return {
-      open: this.open,
-      stage: this.at + 1,
-      time: this.time,
-      playing: Boolean(this.playing),
-      busy: Boolean(this.running),
-      shown: this.shown,
-      error: this.here?.error ?? null,
-    };
-  }
-
   /** Take an action of the page's table; returns whether it was meant for the teaching mode. */
   takes(/** @type {string} */ name) {
     if (!this.open) {

@@ -90,7 +90,7 @@ def it_snaps_to_its_ghost(tab):
     tab.until("flatcloth.doubts.held && flatcloth.handles.places !== null")
     canvas, mouse = tab.page.locator("#canvas").bounding_box(), tab.page.mouse
     middle = tab.page.evaluate("flatcloth.handles.places.middle")
-    scale = tab.page.evaluate("flatcloth.handles.scale")
+    scale = tab.page.evaluate("flatcloth.canvas.transform.scale")
     x, y = canvas["x"] + middle["x"], canvas["y"] + middle["y"]
     mouse.move(x, y)
     mouse.down()
