@@ -6,7 +6,7 @@ import { Handles } from "./canvas/handles.js";
 import { Comparison } from "./canvas/compare.js";
 import { KeyPointer } from "./canvas/key_pointer.js";
 import { isMove, KeyNudges } from "./canvas/nudges.js";
-import { LAYERS, layerAction, Looking } from "./canvas/look.js";
+import { Looking } from "./canvas/look.js";
 import { Ruler } from "./canvas/ruler.js";
 import { Column } from "./layout/column.js";
 import { Layout } from "./layout/layout.js";
@@ -43,32 +43,12 @@ const AGAIN_MS = 400; // a second press so soon after a verdict is the same one:
 const LEAST_MOVE_M = 0.00005; // what is shown as 0.0 mm and 0.0° is no move
 const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
 
-const page = new Page({ send, notify, run, show, decide });
-const canvas = (page.canvas = new FlatCanvas({
-  // With a camera the frame that was clicked is the one that is meant, not the one that is on its way.
-  pick: (u, v) =>
-    page.offer("click", u, v) ||
-    send({ type: "pick", ...canvas.located(u, v), ...(page.hasCamera ? { revision: canvas.layerRevision } : {}) }),
-  hover: (u, v) => hover.at(u === null ? null : { u_m: u, v_m: v }),
-  nudge: (by) => sendMove(by),
-  released: (moved) => page.doubts.dropped(moved),
-  mayDrag: () => Boolean(page.state?.pending),
-  moving: (by) => page.each("moving", by),
-  placed() {
-    page.each("placed");
-    acceptOnceDrawn();
-  },
-  shown: () => {
-    settle();
-    // An animation frame comes only where somebody looks.
-    const { layerRevision: revision } = canvas;
-    if (page.hasCamera) requestAnimationFrame(() => send({ type: "drawn", revision }));
-  },
-}));
+const page = new Page({ send, notify, run, show, decide, pick, move });
+const canvas = (page.canvas = new FlatCanvas(page));
 let acceptsOnceDrawn = false; // Accept was pressed before the proposal was drawn
 let decidedMs = -Infinity; // when the last verdict was given
-const nudges = new KeyNudges(page, sendMove);
-const hover = page.add(new Hover(page));
+const nudges = page.add(new KeyNudges(page));
+page.add(new Hover(page));
 const comparison = (page.comparison = page.add(new Comparison(page)));
 const looking = (page.looking = page.add(new Looking(page)));
 page.ruler = page.add(new Ruler(page));
@@ -86,6 +66,7 @@ page.add(new ReviewList(page));
 page.add(new ResultPanel(page));
 const column = (page.column = page.add(new Column(page))); // after all that have a part of it
 page.add(new Roving(page));
+page.add({ placed: acceptOnceDrawn, pictured });
 const keyPointer = new KeyPointer();
 /** The lessons, once they are wanted. @type {Teaching | null} */
 let teaching = null;
@@ -138,6 +119,13 @@ function settle() {
   page.isSettled = true;
   openScene();
   page.changed();
+}
+
+function pictured() {
+  settle();
+  // An animation frame comes only where somebody looks.
+  const { layerRevision: revision } = canvas;
+  if (page.hasCamera) requestAnimationFrame(() => send({ type: "drawn", revision }));
 }
 
 function show(/** @type {State} */ state) {
@@ -201,8 +189,7 @@ function run(/** @type {string} */ name, large = false) {
   if (acceptsOnceDrawn) return notify("info", "The view is accepted once it is drawn; Esc takes this back.");
   if (name === "cancel" && (isKept || page.offer("escape"))) return;
   const action = page.action(name);
-  if (isMove(name) && page.doubts.held) return nudges.move(name, large ? 10 : 1);
-  if (action.why_not !== null) {
+  if (action.why_not !== null && !(isMove(name) && page.doubts.held)) {
     // Escape closes things all the time; it needs no lecture.
     if (name !== "cancel") notify("warning", action.why_not);
     return;
@@ -212,17 +199,8 @@ function run(/** @type {string} */ name, large = false) {
   layout.reveal(name);
   if (column.brings(name)) return;
   const perform = PAGE_ACTIONS[name] ?? page.actionOf(name);
-  const layer = LAYERS.find((one) => layerAction(one) === name);
-  if (layer) {
-    page.layer = layer;
-    page.changed();
-  } else if (isMove(name)) {
-    nudges.move(name, large ? 10 : 1);
-  } else if (perform) {
-    perform(large);
-  } else {
-    decide(name);
-  }
+  if (perform) perform(large);
+  else decide(name);
   column.reveal(name);
 }
 
@@ -273,7 +251,14 @@ const modesNow = () => [
   ...(page.hasCamera ? [] : ["session"]),
 ];
 
-function sendMove(/** @type {By} */ by) {
+/** @param {number} u @param {number} v */
+function pick(u, v) {
+  if (page.offer("click", u, v)) return;
+  // With a camera the frame that was clicked is the one that is meant, not the one that is on its way.
+  send({ type: "pick", ...canvas.located(u, v), ...(page.hasCamera ? { revision: canvas.layerRevision } : {}) });
+}
+
+function move(/** @type {By} */ by) {
   if (!page.state.pending) return;
   const seen = Math.hypot(by.u, by.v) >= LEAST_MOVE_M || Math.abs(by.theta) >= LEAST_TURN_RAD;
   if (!seen) return canvas.resetPreview();

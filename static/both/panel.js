@@ -14,9 +14,8 @@ export class BothSides extends PagePart {
   section = byId("both-sides");
   chip = byId("side-chip");
 
-  constructor(/** @type {import("../page/page").Page} */ page) {
-    super(page);
-    page.canvas.around.push(() => this.behind.flat());
+  around() {
+    return this.behind.flat();
   }
 
   get other() {

@@ -29,6 +29,7 @@ export class Looking extends PagePart {
     look: () => this.toggle(),
     turn_left_seen: () => this.turnBy(-1),
     turn_right_seen: () => this.turnBy(1),
+    ...Object.fromEntries(LAYERS.map((layer) => [layerAction(layer), () => this.color(layer)])),
   };
   open = false;
   colored = "color"; // the layer that the 3D scene last got
@@ -68,6 +69,12 @@ export class Looking extends PagePart {
     const text = `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°`;
     setText(this.chip, text);
     this.chip.setAttribute("aria-label", `${text}: undo the turn`);
+  }
+
+  /** Show another layer. */
+  color(/** @type {string} */ layer) {
+    this.page.layer = layer;
+    this.page.changed();
   }
 
   /** The 3D scene is one for all tabs, so each tells only what its operator has changed. */

@@ -47,6 +47,8 @@ export class OfflinePage extends Page {
       run: (name) => this.does[name](),
       show: () => this.show(),
       decide: () => {},
+      pick: (u, v) => this.pickAt(u, v),
+      move: () => {},
     });
     this.history = history;
     /** @type {Record<SideName, OfflineData["other"]>} */
@@ -60,13 +62,11 @@ export class OfflinePage extends Page {
     this.current = /** @type {OfflinePick | null} */ (null);
     this.pointed = /** @type {string | null} */ (null); // the named point of the garment that is pointed at
     this.timer = /** @type {number | null} */ (null);
-    this.flat = this.canvas = new FlatCanvas({
-      pick: (u, v) => this.pickAt(u, v),
-      hover: (u, v) => showValues(this, u, v),
-      nudge: () => {},
-      mayDrag: () => false,
-    });
-    this.draws({
+    /** @type {FlatCanvas} */
+    const flat = new FlatCanvas(this);
+    this.flat = this.canvas = flat;
+    this.add({
+      hover: (/** @type {Place | null} */ at) => showValues(this, at),
       drawOver: () => {
         if (this.step < this.last) return; // pieces and garment lie as they do in the end
         drawPieces(this.flat, floatingOf(this.shownSide).pieces, null);
@@ -346,7 +346,7 @@ try {
   ));
   startKeys({ state: () => made.state, modes: () => [], mayMove: () => false, run: made.run });
   applyTheme();
-  showValues(made, null, 0);
+  showValues(made, null);
   Object.assign(window, { flatcloth: page });
 } catch (error) {
   showWords(

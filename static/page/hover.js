@@ -21,8 +21,7 @@ export class Hover extends PagePart {
   }
 
   /** The pointer is at a place of the plane, or has left it. */
-  at(/** @type {Place | null} */ place) {
-    this.page.each("hover", place);
+  hover(/** @type {Place | null} */ place) {
     this.last = place;
     if (place) return this.question.ask(place);
     this.question.drop();

@@ -74,11 +74,13 @@ declare global {
     decide: (action: string, more?: object) => void;
     /** Draw the page again. */
     show: (state: State) => void;
+    /** Cloth was clicked. */
+    pick: (u_m: number, v_m: number) => void;
+    /** Move the proposal for good. */
+    move: (by: By) => void;
   };
-  /** What is drawn over the pictures and the scene, and tools of the pointer on the canvas. */
-  type Overlay = { drawOver: Drawer; drawInScene: SceneDrawer } & Tool;
   /** A part of the page; each member may be left out. */
-  interface Panel extends Partial<Omit<Overlay, "press">> {
+  interface Panel extends Partial<Tool> {
     /** Under which tests find it in `window.flatcloth`. */
     name?: string;
     /** Takes each state of the server. */
@@ -87,6 +89,16 @@ declare global {
     actions?: Record<string, (large: boolean) => void>;
     /** What it takes, by the type of the server's message. */
     messages?: { [T in ServerMessage["type"]]?: (message: Extract<ServerMessage, { type: T }>) => void };
+    /** Draws over the pictures of the flattened view. */
+    drawOver?(pen: Pen): void;
+    /** Draws over the 3D scene. */
+    drawInScene?(pen: Pen, place: PlaceInScene): void;
+    /** Places of what it draws beyond the cloth, which are to be in sight. */
+    around?(): UV[];
+    /** Pixels (row, col) that it marks in the source image of a view. */
+    sourceMarks?(view: number): UV[];
+    /** Whether what lies at a place of the pane can be dragged. */
+    holds?(at: PointerPlace): boolean;
     /** A click on the flattened view; true: it is taken. */
     click?(u_m: number, v_m: number): boolean;
     /** The pointer on the flattened view. */
@@ -103,6 +115,8 @@ declare global {
     turned?(side: SideName): void;
     /** The proposal is drawn where the server has put it. */
     placed?(): void;
+    /** A picture of the shape is drawn. */
+    pictured?(): void;
     /** The connection is lost: pending requests stay unanswered. */
     disconnected?(): void;
     /** Another server process may answer from now on. */
@@ -127,7 +141,12 @@ declare global {
     | "disconnected"
     | "reconnected"
     | "lookAt"
-;
+    | "drawOver"
+    | "drawInScene"
+    | "around"
+    | "sourceMarks"
+    | "pictured"
+    | "cancel";
   type CallPanels<Result> = <E extends PanelEvent>(event: E, ...args: Parameters<NonNullable<Panel[E]>>) => Result;
 
   type Page = PageClass;
@@ -188,16 +207,15 @@ declare global {
     outline?: Pyramid;
   };
   type LabelLook = { font?: string; color?: string; alpha?: number; height?: number; width?: number | null };
-  /** Draws over the pictures of the flattened view. */
-  type Drawer = (pen: Pen) => void;
   /** Where a point in space is seen on the overlay of the scene; null behind the eye. */
   type PlaceInScene = (point: XYZ) => Point | null;
-  type SceneDrawer = (pen: Pen, place: PlaceInScene) => void;
-  /** A mode of the pointer on the canvas. */
+  /** A mode of the pointer on the canvas: what takes a press gets what follows. */
   type Tool = {
-    press(at: PointerPlace): boolean;
-    drag(at: PointerPlace): void;
-    release(at: PointerPlace): void;
+    press(at: PointerPlace, withShift: boolean): boolean;
+    /** `moved`: farther than in a click. */
+    drag(at: PointerPlace, moved: boolean): void;
+    /** False: it was a click, as on any cloth. */
+    release(at: PointerPlace, moved: boolean): boolean | void;
     /** Two fingers zoom: what was pressed means nothing. */
     cancel?(): void;
   };

@@ -364,7 +364,7 @@ export class SourcePanel extends PagePart {
       const middle = pen.at([rc[0], rc[1]]);
       pen.rimmed(name, 1.75, (to) => traceCross(to, middle, 3, 10));
     }
-    for (const marks of this.page.sourceMarks) pen.squares(marks(view).map(pen.at), "--accent", 4);
+    pen.squares(this.page.gather("sourceMarks", view).map(pen.at), "--accent", 4);
     const states = Boolean(lost && labels);
     this.drawn = { labels: Boolean(labels), states, view, masked, box, scale, pick, pointer };
     if (this.stroke) this.drawStroke(pen, this.stroke, scale);

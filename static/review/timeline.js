@@ -65,7 +65,7 @@ export class Timeline extends PagePart {
         key: `view-${view.index}`,
         tip: about + whatAPressDoes(view, state),
         tabindex: view.index === (state.present_view ?? 0) ? 0 : -1, // page/roving.js: one stop of Tab
-        click: () => this.page.verdicts.press(view),
+        click: () => this.page.verdicts.choose(view),
       },
       shown && make("span.pair", ...this.pictures(view, state, labelled)),
       drawn("span.sign", view.flagged ? "⚑" : STATES[view.state][0]),

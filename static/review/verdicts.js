@@ -16,7 +16,7 @@ export class Verdicts extends PagePart {
   };
 
   /** A press on a view of the timeline. */
-  press(/** @type {ViewRow} */ view) {
+  choose(/** @type {ViewRow} */ view) {
     if (this.page.state.capture) return this.page.notify("info", view.why_not ?? "");
     this.chosen = view.index;
     if (DECIDED.includes(view.state)) this.ask(view);
