@@ -19,7 +19,9 @@ def program(tmp_path, program_of):
 
 
 def click_at(tab, seam):
-    there = tab.page.evaluate("([u, v]) => flatcloth.toScreen(...flatcloth.canvas.shownAt('other', [u, v]))", seam["uv"])
+    there = tab.page.evaluate(
+        "([u, v]) => flatcloth.toScreen(...flatcloth.canvas.shownAt('other', [u, v]))", seam["uv"]
+    )
     tab.page.mouse.click(there["x"], there["y"])
 
 
@@ -33,7 +35,9 @@ def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(o
     assert tab.page.evaluate("flatcloth.state.other.layers.area_cm2") > 500
     # Turned over: the other side, its own pixels under the pointer, and a pick with a pose there.
     keys.press("m")
-    tab.until("flatcloth.canvas.side === 'other' && flatcloth.canvas.layer.shown?.address.startsWith('other/')")
+    tab.until(
+        "flatcloth.canvas.side === 'other' && flatcloth.canvas.layer.shown?.address.startsWith('other/')"
+    )
     expect(tab.page.locator("#side-chip")).to_be_visible()
     tab.until("flatcloth.doubts.list.some(({ kind }) => kind === 'seam')")
     seam = tab.page.evaluate(
