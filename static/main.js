@@ -50,8 +50,8 @@ let decidedMs = -Infinity; // when the last verdict was given
 const nudges = page.add(new KeyNudges(page));
 page.add(new Hover(page));
 const comparison = (page.comparison = page.add(new Comparison(page)));
-const looking = (page.looking = page.add(new Looking(page)));
-page.ruler = page.add(new Ruler(page));
+page.looking = page.add(new Looking(page));
+page.add(new Ruler(page));
 page.add(new Toolbar(page));
 const layout = page.add(new Layout(page));
 page.sceneMarks = page.add(new SceneMarks(page));
@@ -143,7 +143,6 @@ function showLayer(/** @type {State} */ state) {
   if (page.hasCamera && state.layers) canvas.hold(boxOf(state.layers));
   canvas.update(state, page.layer);
   showLegend(comparison.legend ?? state.layers?.legends[page.layer]);
-  looking.show(state.layers?.legends.truth.kind === "ramp");
   showWords(byId("empty"), state.layers ? "" : whyEmpty(state));
 }
 

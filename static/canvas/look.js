@@ -78,9 +78,10 @@ export class Looking extends PagePart {
   }
 
   /** The 3D scene is one for all tabs, so each tells only what its operator has changed. */
-  update(/** @type {State} */ { mode }) {
+  update(/** @type {State} */ state) {
+    this.show(state);
     const layer = /** @type {import("../page/messages").Look["layer"]} */ (this.page.layer);
-    if (mode !== "session" || this.colored === layer) return;
+    if (state.mode !== "session" || this.colored === layer) return;
     this.colored = layer;
     this.page.send({ type: "look", layer });
   }
@@ -93,17 +94,16 @@ export class Looking extends PagePart {
 
   toggle() {
     this.open = !this.open;
-    byId("look").hidden = !this.open; // before the column asks what there is
     this.page.changed();
     if (this.open) find("button", byId("look"))?.focus();
   }
 
   /** Show the panel; without a kit no error is known, and a frame of a camera has one layer. */
-  show(hasKit = false) {
+  show(/** @type {State} */ { settings, settings_rows, capture, layers: shown }) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
-    const { settings, settings_rows, capture } = this.page.state;
+    const hasKit = shown?.legends.truth.kind === "ramp";
     const layers = capture ? [] : LAYERS.filter((one) => hasKit || one !== "truth");
     const switches = SWITCHES.filter((name) => !capture || OF_A_CAMERA.includes(name));
     rebuild(panel, [layers, switches.map((name) => settings[name])], () => [

@@ -49,6 +49,7 @@ export class Ruler extends PagePart {
 
   /** The shape at a revision is shown: what was measured on another holds no longer. */
   update(/** @type {State} */ state) {
+    byId("canvas").classList.toggle("measuring", this.on);
     if (state.mode === "camera") return;
     const revision = `${this.canvas.side} ${state.layers?.revision}`;
     if (revision === this.revision) return;

@@ -29,7 +29,6 @@ export class Page {
     this.canvas = /** @type {FlatCanvas} */ (later);
     this.comparison = /** @type {Comparison} */ (later);
     this.looking = /** @type {Looking} */ (later);
-    this.ruler = /** @type {Ruler} */ (later);
     this.sceneMarks = /** @type {SceneMarks} */ (later); // what is drawn over the 3D scene
     this.recordingIsWrong = false; // by its check, for certain
     this.isSettled = false; // the first picture is there, or awaited no longer

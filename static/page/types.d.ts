@@ -8,7 +8,6 @@ import type { Comparison as ComparisonClass } from "../canvas/compare.js";
 import type { Pen as PenClass } from "../canvas/pen.js";
 import type { Picture as PictureClass } from "../canvas/picture.js";
 import type { Pyramid as PyramidClass } from "../canvas/pyramid.js";
-import type { Ruler as RulerClass } from "../canvas/ruler.js";
 import type { Page as PageClass } from "./page.js";
 import type { SceneMarks as SceneMarksClass } from "./scene_marks.js";
 import type { SidesPanel as SidesPanelClass } from "../panels/sides.js";
@@ -155,7 +154,6 @@ declare global {
   type Comparison = ComparisonClass;
   type Picture = PictureClass;
   type Pyramid = PyramidClass;
-  type Ruler = RulerClass;
   type SceneMarks = SceneMarksClass;
   type SidesPanel = SidesPanelClass;
   type Verdicts = VerdictsClass;

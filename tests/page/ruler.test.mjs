@@ -3,6 +3,7 @@ import test from "node:test";
 
 const element = () => ({
   style: {},
+  classList: { toggle: () => {} },
   dataset: {},
   append: () => {},
   setAttribute: () => {},
