@@ -32,7 +32,6 @@ import { Repair } from "./panels/repair.js";
 import { ReviewList } from "./review/list.js";
 import { ResultPanel } from "./review/result.js";
 import { Timeline } from "./review/timeline.js";
-import { Verdicts } from "./review/verdicts.js";
 import { loadFrame } from "./teaching/frame.js";
 import { Teaching } from "./teaching/teaching.js";
 
@@ -60,8 +59,7 @@ page.add(new StatusLines(page));
 for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page));
 page.add(new Handles(page, () => repair.picking));
-page.verdicts = page.add(new Verdicts(page));
-page.add(new Timeline(page));
+page.timeline = page.add(new Timeline(page));
 page.add(new ReviewList(page));
 page.add(new ResultPanel(page));
 const column = (page.column = page.add(new Column(page))); // after all that have a part of it

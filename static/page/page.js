@@ -32,7 +32,7 @@ export class Page {
     this.sceneMarks = /** @type {SceneMarks} */ (later); // what is drawn over the 3D scene
     this.recordingIsWrong = false; // by its check, for certain
     this.isSettled = false; // the first picture is there, or awaited no longer
-    this.verdicts = /** @type {Verdicts} */ (later);
+    this.timeline = /** @type {Timeline} */ (later);
     this.doubts = /** @type {DoubtsPanel} */ (later);
     this.column = /** @type {RightColumn} */ (later);
     this.brush = /** @type {SidesPanel} */ (later); // of the side of interest, for panels that can be painted on

@@ -11,7 +11,7 @@ import type { Pyramid as PyramidClass } from "../canvas/pyramid.js";
 import type { Page as PageClass } from "./page.js";
 import type { SceneMarks as SceneMarksClass } from "./scene_marks.js";
 import type { SidesPanel as SidesPanelClass } from "../panels/sides.js";
-import type { Verdicts as VerdictsClass } from "../review/verdicts.js";
+import type { Timeline as TimelineClass } from "../review/timeline.js";
 import type { GarmentPanel as GarmentPanelClass } from "../garment/panel.js";
 import type { DoubtsPanel as DoubtsPanelClass } from "../doubts/panel.js";
 import type { Column as ColumnClass } from "../layout/column.js";
@@ -156,7 +156,7 @@ declare global {
   type Pyramid = PyramidClass;
   type SceneMarks = SceneMarksClass;
   type SidesPanel = SidesPanelClass;
-  type Verdicts = VerdictsClass;
+  type Timeline = TimelineClass;
   type GarmentPanel = GarmentPanelClass;
   type DoubtsPanel = DoubtsPanelClass;
   type RightColumn = ColumnClass;
