@@ -163,7 +163,7 @@ def _answers(page: Any) -> dict[str, float]:
         " flatcloth.toScreen(u + at(l.cols, 37 * i), v + at(l.rows, 61 * i))); }",
         POINTS,
     )
-    page.evaluate("window.flatcloth_drawn = () => [flatcloth.sceneMarks.drawn, flatcloth.marksDrawn]")
+    page.evaluate("window.flatcloth_drawn = () => [flatcloth.sceneMarks.drawn, flatcloth.canvas.marksDrawn]")
     frame = page.locator("#viser").bounding_box()
     clicks, in_scene = [], []
     for at in on_plane:

@@ -6,7 +6,7 @@ import { Handles } from "./canvas/handles.js";
 import { Comparison } from "./canvas/compare.js";
 import { KeyPointer } from "./canvas/key_pointer.js";
 import { isMove, KeyNudges } from "./canvas/nudges.js";
-import { LAYERS, layerAction, Looking } from "./canvas/look.js";
+import { Looking } from "./canvas/look.js";
 import { Ruler } from "./canvas/ruler.js";
 import { Column } from "./layout/column.js";
 import { Layout } from "./layout/layout.js";
@@ -32,7 +32,6 @@ import { Repair } from "./panels/repair.js";
 import { ReviewList } from "./review/list.js";
 import { ResultPanel } from "./review/result.js";
 import { Timeline } from "./review/timeline.js";
-import { Verdicts } from "./review/verdicts.js";
 import { loadFrame } from "./teaching/frame.js";
 import { Teaching } from "./teaching/teaching.js";
 
@@ -43,35 +42,15 @@ const AGAIN_MS = 400; // a second press so soon after a verdict is the same one:
 const LEAST_MOVE_M = 0.00005; // what is shown as 0.0 mm and 0.0° is no move
 const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
 
-const page = new Page({ send, notify, run, show, decide });
-const canvas = (page.canvas = new FlatCanvas({
-  // With a camera the frame that was clicked is the one that is meant, not the one that is on its way.
-  pick: (u, v) =>
-    page.offer("click", u, v) ||
-    send({ type: "pick", ...canvas.located(u, v), ...(page.hasCamera ? { revision: canvas.layerRevision } : {}) }),
-  hover: (u, v) => hover.at(u === null ? null : { u_m: u, v_m: v }),
-  nudge: (by) => sendMove(by),
-  released: (moved) => page.doubts.dropped(moved),
-  mayDrag: () => Boolean(page.state?.pending),
-  moving: (by) => page.each("moving", by),
-  placed() {
-    page.each("placed");
-    acceptOnceDrawn();
-  },
-  shown: () => {
-    settle();
-    // An animation frame comes only where somebody looks.
-    const { layerRevision: revision } = canvas;
-    if (page.hasCamera) requestAnimationFrame(() => send({ type: "drawn", revision }));
-  },
-}));
+const page = new Page({ send, notify, run, show, decide, pick, move });
+const canvas = (page.canvas = new FlatCanvas(page));
 let acceptsOnceDrawn = false; // Accept was pressed before the proposal was drawn
 let decidedMs = -Infinity; // when the last verdict was given
-const nudges = new KeyNudges(page, sendMove);
-const hover = page.add(new Hover(page));
+const nudges = page.add(new KeyNudges(page));
+page.add(new Hover(page));
 const comparison = (page.comparison = page.add(new Comparison(page)));
-const looking = (page.looking = page.add(new Looking(page)));
-page.ruler = page.add(new Ruler(page));
+page.looking = page.add(new Looking(page));
+page.add(new Ruler(page));
 page.add(new Toolbar(page));
 const layout = page.add(new Layout(page));
 page.sceneMarks = page.add(new SceneMarks(page));
@@ -80,12 +59,12 @@ page.add(new StatusLines(page));
 for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page));
 page.add(new Handles(page, () => repair.picking));
-page.verdicts = page.add(new Verdicts(page));
-page.add(new Timeline(page));
+page.timeline = page.add(new Timeline(page));
 page.add(new ReviewList(page));
 page.add(new ResultPanel(page));
 const column = (page.column = page.add(new Column(page))); // after all that have a part of it
 page.add(new Roving(page));
+page.add({ placed: acceptOnceDrawn, pictured });
 const keyPointer = new KeyPointer();
 /** The lessons, once they are wanted. @type {Teaching | null} */
 let teaching = null;
@@ -140,6 +119,13 @@ function settle() {
   page.changed();
 }
 
+function pictured() {
+  settle();
+  // An animation frame comes only where somebody looks.
+  const { layerRevision: revision } = canvas;
+  if (page.hasCamera) requestAnimationFrame(() => send({ type: "drawn", revision }));
+}
+
 function show(/** @type {State} */ state) {
   page.thisSide = state;
   page.state = seen(state, canvas.side);
@@ -155,7 +141,6 @@ function showLayer(/** @type {State} */ state) {
   if (page.hasCamera && state.layers) canvas.hold(boxOf(state.layers));
   canvas.update(state, page.layer);
   showLegend(comparison.legend ?? state.layers?.legends[page.layer]);
-  looking.show(state.layers?.legends.truth.kind === "ramp");
   showWords(byId("empty"), state.layers ? "" : whyEmpty(state));
 }
 
@@ -201,8 +186,7 @@ function run(/** @type {string} */ name, large = false) {
   if (acceptsOnceDrawn) return notify("info", "The view is accepted once it is drawn; Esc takes this back.");
   if (name === "cancel" && (isKept || page.offer("escape"))) return;
   const action = page.action(name);
-  if (isMove(name) && page.doubts.held) return nudges.move(name, large ? 10 : 1);
-  if (action.why_not !== null) {
+  if (action.why_not !== null && !(isMove(name) && page.doubts.held)) {
     // Escape closes things all the time; it needs no lecture.
     if (name !== "cancel") notify("warning", action.why_not);
     return;
@@ -212,17 +196,8 @@ function run(/** @type {string} */ name, large = false) {
   layout.reveal(name);
   if (column.brings(name)) return;
   const perform = PAGE_ACTIONS[name] ?? page.actionOf(name);
-  const layer = LAYERS.find((one) => layerAction(one) === name);
-  if (layer) {
-    page.layer = layer;
-    page.changed();
-  } else if (isMove(name)) {
-    nudges.move(name, large ? 10 : 1);
-  } else if (perform) {
-    perform(large);
-  } else {
-    decide(name);
-  }
+  if (perform) perform(large);
+  else decide(name);
   column.reveal(name);
 }
 
@@ -273,7 +248,14 @@ const modesNow = () => [
   ...(page.hasCamera ? [] : ["session"]),
 ];
 
-function sendMove(/** @type {By} */ by) {
+/** @param {number} u @param {number} v */
+function pick(u, v) {
+  if (page.offer("click", u, v)) return;
+  // With a camera the frame that was clicked is the one that is meant, not the one that is on its way.
+  send({ type: "pick", ...canvas.located(u, v), ...(page.hasCamera ? { revision: canvas.layerRevision } : {}) });
+}
+
+function move(/** @type {By} */ by) {
   if (!page.state.pending) return;
   const seen = Math.hypot(by.u, by.v) >= LEAST_MOVE_M || Math.abs(by.theta) >= LEAST_TURN_RAD;
   if (!seen) return canvas.resetPreview();
@@ -290,25 +272,17 @@ startScene(startKeys({ state: () => page.state, modes: modesNow, mayMove, run })
 setTimeout(openScene, PATIENCE_MS);
 page.each("hovered", null);
 
-// For tests: the state, what is shown, and each panel's status, or the panel itself, by its name.
+// For tests: what is shown, and the parts of the page by their names.
 const shown = {
   state: () => page.state,
-  revision: () => page.state?.revision ?? 0,
   step: () => page.state?.step ?? 0,
   phase: () => page.state?.phase ?? null,
   pick: () => page.state?.pick ?? null,
-  teaching: () => teaching?.status ?? { open: false },
   layerRevision: () => canvas.layerRevision,
-  marksDrawn: () => canvas.marksDrawn,
-  layerShown: () => canvas.layer.shown?.address ?? null,
-  pairEnds: () => repair.status.ends,
-  differenceShown: () => comparison.shownKind,
   overlayRevision: () => canvas.overlay.shown?.revision ?? 0,
+  teaching: () => teaching,
 };
-const flatcloth = { toScreen: canvas.toScreen.bind(canvas), toPlane: canvas.toPlane.bind(canvas), send };
+const flatcloth = { canvas, toScreen: canvas.toScreen.bind(canvas), toPlane: canvas.toPlane.bind(canvas), send };
+for (const panel of page.panels) if (panel.name) Object.assign(flatcloth, { [panel.name]: panel });
 for (const [name, get] of Object.entries(shown)) Object.defineProperty(flatcloth, name, { get });
-for (const panel of page.panels) {
-  if (!panel.name || panel.name in flatcloth) continue;
-  Object.defineProperty(flatcloth, panel.name, { get: () => panel.status ?? panel });
-}
 Object.assign(window, { flatcloth });

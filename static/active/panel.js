@@ -5,8 +5,6 @@ import { choice, field, make, section } from "../page/dom.js";
 import { count, degrees } from "../page/format.js";
 
 export class ActivePanel extends PagePart {
-  name = "active";
-
   /** Take a state of the page; other modes have no loop. */
   update(/** @type {State} */ state) {
     const { active: status, garment } = state;

@@ -9,15 +9,13 @@ import { cm2, floatingOf, number } from "../page/format.js";
 const SHEETS = ["this", "other"];
 
 export class BothSides extends PagePart {
-  name = "bothSides";
   turnsOnceKnown = false;
   actions = { turn_over: () => this.turnOver(), beside: () => this.toggleBeside() };
   section = byId("both-sides");
   chip = byId("side-chip");
 
-  constructor(/** @type {import("../page/page").Page} */ page) {
-    super(page);
-    page.canvas.around.push(() => this.behind.flat());
+  around() {
+    return this.behind.flat();
   }
 
   get other() {
@@ -26,13 +24,6 @@ export class BothSides extends PagePart {
 
   get pressed() {
     return { turn_over: this.canvas.side === "other", beside: this.canvas.beside.wanted };
-  }
-
-  get status() {
-    const { side, beside } = this.canvas;
-    /** Where a place of the other side is on the screen. @param {number} u @param {number} v */
-    const toScreen = (u, v) => this.canvas.toScreen(...(this.canvas.shownAt("other", [u, v]) ?? [NaN, NaN]));
-    return { side, beside: Boolean(beside.picture.shown), toScreen };
   }
 
   update(/** @type {State} */ state) {

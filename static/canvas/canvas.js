@@ -4,7 +4,7 @@ import { Beside } from "../both/beside.js";
 import { drawPick } from "./marks.js";
 import { Pen } from "./pen.js";
 import { byId, contextOf, onWheel, sized } from "../page/dom.js";
-import { applied, contains, cornersOf, grown, sumOf, Transform } from "./geometry.js";
+import { applied, contains, cornersOf, grown, Transform } from "./geometry.js";
 import { Picture } from "./picture.js";
 import { Pyramid } from "./pyramid.js";
 
@@ -15,36 +15,12 @@ const FOOT_PX = 40; // of the scale and of what is said beside it
 const LEGEND_GAP_PX = 12;
 const LEAST_FREE_SHARE = 0.5; // a legend that leaves less of the pane lies over the cloth
 
-/** @type {Scenery} */
-const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false };
-
-/**
- * @typedef {{ paint: (canvas: FlatCanvas) => void; holds: (x: number, y: number) => boolean }} Scenery
- *
- * @typedef {{
- *   kind: "tool" | "turn" | "drag" | "pan"; tool?: Tool; button: number; x: number; y: number; lastX: number;
- *   lastY: number; moved: boolean; by: By; begun: By
- * }} Gesture
- *
- * @typedef {object} CanvasHandlers
- * @property {(u: number, v: number) => void} pick a click on the cloth
- * @property {(u: number | null, v: number) => void} hover the pointer is at a place, or (null) has left the canvas
- * @property {(by: By) => void} nudge the proposal was dragged
- * @property {(moved: boolean) => void} [released] what was held is let go
- * @property {() => boolean} mayDrag
- * @property {(by: By) => void} [moving] the proposal is being moved
- * @property {() => void} [placed] the proposal is drawn where the server has put it
- * @property {() => void} [shown] a picture of the shape is drawn
- */
+/** @typedef {{ tool?: Tool; isMain: boolean; from: Point; last: Point; moved: boolean }} Gesture */
 
 export class FlatCanvas {
-  /**
-   * `scenery` paints shape and proposal, and tells where the proposal can be taken hold of. `tools`
-   * are offered each press of the pointer first; one that takes it gets what follows: `press(at)`
-   * returns whether it does, then `drag(at)` and `release(at)`. `drawers` draw over the pictures.
-   */
-  constructor(/** @type {CanvasHandlers} */ handlers) {
-    this.handlers = handlers;
+  /** The panels of the page draw over the pictures, and are offered each press of the pointer first. */
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
     this.canvas = byId("canvas");
     this.context = contextOf(this.canvas);
     this.width = this.height = 0; // of the pane, CSS pixels
@@ -52,7 +28,7 @@ export class FlatCanvas {
     this.pen = new Pen(this.context, ([u, v]) => this.transform.toPane(u, v));
     this.layer = new Picture(() => {
       this.refit();
-      this.handlers.shown?.();
+      page.each("pictured");
     });
     this.overlay = new Picture((anew) => this.overlayReady(anew));
     this.fitted = true; // until the operator pans or zooms
@@ -61,16 +37,10 @@ export class FlatCanvas {
     this.marksDrawn = this.marks; // for tests
     this.pick = /** @type {{ uv_m: UV; grip?: CurrentPick["grip"] } | null} */ (null);
     this.gesture = /** @type {Gesture | null} */ (null);
-    this.scenery = SHAPE_ALONE;
     this.side = /** @type {SideName} */ ("this"); // of the item, which is shown
     this.beside = new Beside(this); // the other side, where both are shown
-    this.tools = /** @type {Tool[]} */ ([]);
-    this.drawers = /** @type {Drawer[]} */ ([]);
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
     this.center = [0, 0];
-    this.around = /** @type {(() => UV[])[]} */ ([]); // places of what panels draw beyond the cloth
-    this.snap = (/** @type {By} */ by) => by; // to places that a panel knows
-    this.gripAt = (/** @type {Point} */ _) => /** @type {"turn" | "drag" | null} */ (null); // a handle of the proposal
     this.dirty = false;
     new ResizeObserver(() => this.resize()).observe(byId("stage"));
     new ResizeObserver(() => this.refit()).observe(byId("legend"));
@@ -183,7 +153,7 @@ export class FlatCanvas {
   overlayReady(/** @type {boolean} */ anew) {
     if (anew) {
       this.resetPreview();
-      this.handlers.placed?.();
+      this.page.each("placed");
     }
     this.refit();
   }
@@ -199,7 +169,7 @@ export class FlatCanvas {
   /** Places that all that is drawn lies between. @returns {UV[]} */
   get rims() {
     const cloth = [...this.layer.rim, ...this.overlay.rim, ...this.beside.rim];
-    return cloth.length ? [...cloth, ...this.around.flatMap((of) => of())] : [];
+    return cloth.length ? [...cloth, ...this.page.gather("around")] : [];
   }
 
   /** Show all of it; beside the legend where the cloth would lie under that. */
@@ -253,7 +223,7 @@ export class FlatCanvas {
   /** Show the proposal moved by so much; the server is told by the caller. */
   showPreview(/** @type {By} */ by) {
     this.preview = by;
-    this.handlers.moving?.(by);
+    this.page.each("moving", by);
     this.redraw();
   }
 
@@ -277,9 +247,10 @@ export class FlatCanvas {
 
   draw() {
     sized(this.canvas, this.width, this.height);
-    this.scenery.paint(this);
+    if (this.page.comparison) this.page.comparison.paint(this);
+    else this.drawShape();
     this.beside.paint();
-    for (const draw of this.drawers) draw(this.pen);
+    this.page.each("drawOver", this.pen);
     if (!this.layer.shown) return;
     for (const { uv_m } of this.marks) this.pen.dot(this.pen.at(uv_m), "--pick", 4);
     this.marksDrawn = this.marks;
@@ -337,7 +308,7 @@ export class FlatCanvas {
     canvas.addEventListener("pointermove", (event) => this.move(event));
     canvas.addEventListener("pointerup", (event) => this.release(event));
     canvas.addEventListener("pointercancel", () => this.cancel());
-    canvas.addEventListener("pointerleave", () => this.handlers.hover(null, 0));
+    canvas.addEventListener("pointerleave", () => this.page.each("hover", null));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     onWheel(canvas, (factor, event) => {
       event.preventDefault();
@@ -349,10 +320,8 @@ export class FlatCanvas {
   }
 
   cancel() {
-    if (this.gesture && this.gesture.kind !== "pan") this.resetPreview();
     this.gesture = null;
-    this.handlers.released?.(false);
-    for (const tool of this.tools) tool.cancel?.();
+    this.page.each("cancel");
   }
 
   inPane(/** @type {MouseEvent} */ event) {
@@ -360,95 +329,49 @@ export class FlatCanvas {
     return { x: event.clientX - at.left, y: event.clientY - at.top };
   }
 
-  overProposal(/** @type {number} */ x, /** @type {number} */ y) {
-    const { u, v } = this.transform.toPlane(x, y);
-    return (
-      this.scenery.holds(x, y) &&
-      this.handlers.mayDrag() &&
-      this.overlay.covers(u - this.preview.u, v - this.preview.v)
-    );
-  }
-
   press(/** @type {PointerEvent} */ event) {
     if (event.button > 2) return;
-    const { x, y } = this.inPane(event);
+    const at = this.at(event);
     // The pointer of the keys has nothing to capture.
     if (event.isTrusted) this.canvas.setPointerCapture(event.pointerId);
-    const main = event.button === 0;
-    const tool = main ? this.tools.find((t) => t.press(this.at({ x, y }))) : undefined;
-    const grip = main && !tool && !event.shiftKey ? this.gripAt({ x, y }) : null;
-    const held = main && !tool && this.overProposal(x, y);
-    /** @type {Gesture} */
-    const gesture = {
-      kind: tool ? "tool" : (grip ?? (!held ? "pan" : event.shiftKey ? "turn" : "drag")),
-      tool,
-      button: event.button,
-      ...{ x, y, lastX: x, lastY: y },
-      moved: false,
-      by: { theta: 0, u: 0, v: 0 },
-      begun: { ...this.preview },
-    };
-    this.gesture = gesture;
+    const isMain = event.button === 0;
+    const tool = isMain ? this.page.panels.find((panel) => panel.press?.(at, event.shiftKey)) : undefined;
+    this.gesture = { tool: /** @type {Tool} */ (tool), isMain, from: at, last: at, moved: false };
   }
 
   move(/** @type {PointerEvent} */ event) {
-    const { x, y } = this.inPane(event);
-    const gesture = this.gesture;
-    if (gesture?.tool) return gesture.tool.drag(this.at({ x, y }));
+    const at = this.at(event);
+    const { gesture } = this;
     if (!gesture) {
-      this.canvas.style.cursor = this.overProposal(x, y) ? "move" : "crosshair";
-      const { u, v } = this.transform.toPlane(x, y);
-      this.handlers.hover(u, v);
-      return;
+      const holds = this.page.panels.some((panel) => panel.holds?.(at));
+      this.canvas.style.cursor = holds ? "move" : "crosshair";
+      return this.page.each("hover", { u_m: at.u, v_m: at.v });
     }
-    gesture.moved ||= Math.hypot(x - gesture.x, y - gesture.y) > CLICK_PX;
+    const { tool, from, last } = gesture;
+    gesture.moved ||= Math.hypot(at.x - from.x, at.y - from.y) > CLICK_PX;
+    if (tool) return tool.drag(at, gesture.moved);
     if (!gesture.moved) return;
-    const dx = x - gesture.lastX;
-    const dy = y - gesture.lastY;
-    if (gesture.kind === "pan") {
-      this.fitted = false;
-      this.canvas.style.cursor = "grabbing";
-      this.transform.pan(dx, dy);
-      this.redraw();
-    } else {
-      const by =
-        gesture.kind === "drag"
-          ? { theta: 0, ...this.transform.toPlaneVector(dx, dy) }
-          : { theta: this.angleAt(x, y) - this.angleAt(gesture.lastX, gesture.lastY), u: 0, v: 0 };
-      if (by.theta > Math.PI) by.theta -= 2 * Math.PI;
-      if (by.theta < -Math.PI) by.theta += 2 * Math.PI;
-      gesture.by = sumOf(gesture.by, by);
-      this.showPreview(this.snap(sumOf(gesture.begun, gesture.by)));
-    }
-    gesture.lastX = x;
-    gesture.lastY = y;
+    this.fitted = false;
+    this.canvas.style.cursor = "grabbing";
+    this.transform.pan(at.x - last.x, at.y - last.y);
+    this.redraw();
+    gesture.last = at;
   }
 
-  /** The direction from the proposal's centre, on the plane. */
-  angleAt(/** @type {number} */ x, /** @type {number} */ y) {
-    const { u, v } = this.transform.toPlane(x, y);
-    return Math.atan2(v - this.center[1] - this.preview.v, u - this.center[0] - this.preview.u);
-  }
-
-  /** A place of the pane, as tools get it. */
-  at(/** @type {Point} */ { x, y }) {
+  /** Where the pointer is in the pane and on the plane. */
+  at(/** @type {MouseEvent} */ event) {
+    const { x, y } = this.inPane(event);
     return { x, y, ...this.transform.toPlane(x, y) };
   }
 
   release(/** @type {PointerEvent} */ event) {
-    const gesture = this.gesture;
+    const { gesture } = this;
     this.gesture = null;
     if (!gesture) return;
-    if (gesture.tool) return gesture.tool.release(this.at(this.inPane(event)));
-    if (gesture.kind !== "pan") this.handlers.released?.(gesture.moved);
-    if (!gesture.moved && gesture.button === 0) {
-      const { u, v } = this.transform.toPlane(gesture.x, gesture.y);
-      if (this.layer.shown) this.handlers.pick(u, v);
-    } else if (gesture.moved && gesture.kind !== "pan") {
-      const { preview } = this;
-      const { begun } = gesture; // one gesture, one decision
-      this.handlers.nudge({ theta: preview.theta - begun.theta, u: preview.u - begun.u, v: preview.v - begun.v });
-    }
+    const { tool, isMain, from, moved } = gesture;
+    const isTaken = tool ? tool.release(this.at(event), moved) !== false : moved || !isMain;
+    const { u, v } = this.transform.toPlane(from.x, from.y);
+    if (!isTaken && this.layer.shown) this.page.handlers.pick(u, v);
     this.move(event);
   }
 }

@@ -31,11 +31,6 @@ export class Comparison extends PagePart {
   heat = new Picture(() => this.canvas.redraw());
   chip = byId("compare-chip");
 
-  constructor(/** @type {Page} */ page) {
-    super(page);
-    this.canvas.scenery = this;
-  }
-
   get proposal() {
     return this.canvas.overlay.shown;
   }
@@ -124,11 +119,6 @@ export class Comparison extends PagePart {
     canvas.drawPicture(this.heat.shown, this.heat.shown.image);
     const { proposal } = this;
     if (proposal?.outline) canvas.drawPicture(proposal, proposal.outline);
-  }
-
-  /** Whether the proposal is seen, and so can be taken hold of. */
-  holds() {
-    return this.mode !== "shape";
   }
 }
 

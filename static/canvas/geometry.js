@@ -160,20 +160,8 @@ export function boxOfPoints(/** @type {Numbers} */ points) {
 /** The box of a box that was moved. @param {Box} box @param {Motion} motion */
 export const movedBox = (box, motion) => boxOfPoints(cornersOf(box).flatMap(([u, v]) => applied(motion, u, v)));
 
-/**
- * The box around two; of one and none it is that one.
- *
- * @template {Box | null | undefined} B
- * @param {B} a @param {B} b
- * @returns {B}
- */
-export function union(a, b) {
-  if (!a || !b) return a ?? b;
-  const left = Math.min(a.left, b.left);
-  const top = Math.min(a.top, b.top);
-  const [right, bottom] = [Math.max(a.right, b.right), Math.max(a.bottom, b.bottom)];
-  return /** @type {B} */ ({ left, top, right, bottom });
-}
+/** The box around two. @param {Box} a @param {Box} b */
+export const union = (a, b) => boxOfPoints([a, b].flatMap(cornersOf).flat());
 
 /**
  * The part of an image that is seen of a box, zoomed in about a pixel; it stays within the box.

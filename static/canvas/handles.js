@@ -1,8 +1,9 @@
 // Handles of the proposal, or of cloth in doubt: a ring turns it, its middle moves it; near a ghost, where it may
 // belong, it snaps.
 
-import { applied, boxOf } from "./geometry.js";
+import { applied, boxOf, sumOf } from "./geometry.js";
 import { traceCross } from "./pen.js";
+import { PagePart } from "../page/page.js";
 import { hasKeys, within } from "../page/dom.js";
 
 const REACH_PX = hasKeys() ? 13 : 24; // of a mouse or a finger
@@ -12,22 +13,23 @@ const SNAP_PX = 16;
 const SNAP_RAD = 0.14; // 8 degrees
 const SAME = 1e-6;
 
-export class Handles {
+export class Handles extends PagePart {
   name = "handles";
+  snapped = /** @type {string | null} */ (null); // the title of the ghost
+  /** @type {{ grip: "turn" | "drag"; from: PointerPlace; before: By } | null} */
+  taken = null; // by the pointer, and where it was before
 
   /** @param {Page} page @param {() => boolean} isAway whether clicks mean something else now */
   constructor(page, isAway) {
-    this.page = page;
+    super(page);
     this.isAway = isAway;
-    this.canvas = page.canvas;
-    this.snapped = /** @type {string | null} */ (null); // the title of the ghost
-    this.canvas.snap = (by) => this.snap(by);
-    this.canvas.gripAt = (at) => this.gripAt(at);
-    this.canvas.around.push(() => {
-      const { held } = this;
-      const [u, v] = this.canvas.center;
-      return held ? [[u + held.arm[0], v + held.arm[1]]] : []; // its ring is seen, too
-    });
+  }
+
+  /** Its ring is seen, too. @returns {UV[]} */
+  around() {
+    const { held } = this;
+    const [u, v] = this.canvas.center;
+    return held ? [[u + held.arm[0], v + held.arm[1]]] : [];
   }
 
   /** What the handles hold. @returns {Held | null} */
@@ -58,13 +60,57 @@ export class Handles {
     return { middle, edge, ring: { x: edge.x + ABOVE_PX * way.x, y: edge.y + ABOVE_PX * way.y } };
   }
 
-  /** What a press at a place of the pane takes hold of; null: no handle. @returns {"turn" | "drag" | null} */
-  gripAt(/** @type {Point} */ at) {
+  // --- the pointer -------------------------------------------------------------------------------
+
+  /** Whether a place is on the proposal, and that is seen. */
+  holds(/** @type {PointerPlace} */ { u, v }) {
+    const { canvas, page } = this;
+    const isSeen = page.comparison.mode !== "shape" && Boolean(page.state?.pending);
+    return isSeen && canvas.overlay.covers(u - canvas.preview.u, v - canvas.preview.v);
+  }
+
+  /** Take hold of a handle, of a floating piece, or of the proposal, which Shift turns. */
+  press(/** @type {PointerPlace} */ at, /** @type {boolean} */ withShift) {
     const { places } = this;
     const near = (/** @type {Point} */ place) => Math.hypot(place.x - at.x, place.y - at.y) < REACH_PX;
-    if (places && near(places.ring)) return "turn";
-    const { u, v } = this.canvas.transform.toPlane(at.x, at.y);
-    return (places && near(places.middle)) || this.page.doubts.grabs(u, v) ? "drag" : null;
+    const isRing = !withShift && places && near(places.ring);
+    const isMiddle = !isRing && !withShift && ((places && near(places.middle)) || this.page.doubts.grabs(at.u, at.v));
+    if (!isRing && !isMiddle && !this.holds(at)) return false;
+    this.taken = { grip: isRing || withShift ? "turn" : "drag", from: at, before: this.canvas.preview };
+    return true;
+  }
+
+  drag(/** @type {PointerPlace} */ at, /** @type {boolean} */ moved) {
+    if (!this.taken || !moved) return;
+    const { grip, from, before } = this.taken;
+    const turn = grip === "turn" ? this.angleAt(at) - this.angleAt(from) : 0;
+    const by = grip === "drag" ? { u: at.u - from.u, v: at.v - from.v } : { u: 0, v: 0 };
+    this.canvas.showPreview(this.snap(sumOf(before, { theta: Math.atan2(Math.sin(turn), Math.cos(turn)), ...by })));
+  }
+
+  /** The direction from the middle of what is held, on the plane. */
+  angleAt(/** @type {PointerPlace} */ { u, v }) {
+    const [cu, cv] = this.canvas.center;
+    const { u: du, v: dv } = this.taken?.before ?? this.canvas.preview;
+    return Math.atan2(v - cv - dv, u - cu - du);
+  }
+
+  /** One gesture is one decision. */
+  release(/** @type {PointerPlace} */ _at, /** @type {boolean} */ moved) {
+    const { preview } = this.canvas;
+    const { before } = this.taken ?? { before: preview };
+    this.taken = null;
+    this.page.doubts.dropped(moved);
+    if (moved)
+      this.page.move({ theta: preview.theta - before.theta, u: preview.u - before.u, v: preview.v - before.v });
+    return moved;
+  }
+
+  cancel() {
+    if (!this.taken) return;
+    this.taken = null;
+    this.canvas.resetPreview();
+    this.page.doubts.dropped(false);
   }
 
   // --- ghosts ------------------------------------------------------------------------------------
@@ -121,11 +167,5 @@ export class Handles {
     while (named.some((one) => Math.abs(one.y - at.y) < 19 && one.x < at.x + at.w && at.x < one.x + one.w)) at.y += 2;
     named.push(at);
     pen.label(ghost.title, at);
-  }
-
-  get status() {
-    const { places, snapped } = this;
-    const ghosts = this.held?.ghosts.map((ghost) => this.canvas.byOf(ghost.motion)) ?? [];
-    return { places, ghosts, snapped, scale: this.canvas.transform.scale };
   }
 }

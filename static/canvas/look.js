@@ -25,11 +25,11 @@ const OF_A_CAMERA = ["show_view", "follow"];
 export const layerAction = (/** @type {string} */ layer) => `layer_${layer}`;
 
 export class Looking extends PagePart {
-  name = "looking";
   actions = {
     look: () => this.toggle(),
     turn_left_seen: () => this.turnBy(-1),
     turn_right_seen: () => this.turnBy(1),
+    ...Object.fromEntries(LAYERS.map((layer) => [layerAction(layer), () => this.color(layer)])),
   };
   open = false;
   colored = "color"; // the layer that the 3D scene last got
@@ -71,10 +71,17 @@ export class Looking extends PagePart {
     this.chip.setAttribute("aria-label", `${text}: undo the turn`);
   }
 
+  /** Show another layer. */
+  color(/** @type {string} */ layer) {
+    this.page.layer = layer;
+    this.page.changed();
+  }
+
   /** The 3D scene is one for all tabs, so each tells only what its operator has changed. */
-  update(/** @type {State} */ { mode }) {
+  update(/** @type {State} */ state) {
+    this.show(state);
     const layer = /** @type {import("../page/messages").Look["layer"]} */ (this.page.layer);
-    if (mode !== "session" || this.colored === layer) return;
+    if (state.mode !== "session" || this.colored === layer) return;
     this.colored = layer;
     this.page.send({ type: "look", layer });
   }
@@ -87,17 +94,16 @@ export class Looking extends PagePart {
 
   toggle() {
     this.open = !this.open;
-    byId("look").hidden = !this.open; // before the column asks what there is
     this.page.changed();
     if (this.open) find("button", byId("look"))?.focus();
   }
 
   /** Show the panel; without a kit no error is known, and a frame of a camera has one layer. */
-  show(hasKit = false) {
+  show(/** @type {State} */ { settings, settings_rows, capture, layers: shown }) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
-    const { settings, settings_rows, capture } = this.page.state;
+    const hasKit = shown?.legends.truth.kind === "ramp";
     const layers = capture ? [] : LAYERS.filter((one) => hasKit || one !== "truth");
     const switches = SWITCHES.filter((name) => !capture || OF_A_CAMERA.includes(name));
     rebuild(panel, [layers, switches.map((name) => settings[name])], () => [

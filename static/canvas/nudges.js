@@ -1,6 +1,7 @@
 // Keys that move the proposal: shown at once, and one gesture of many presses is one item to undo.
 
 import { sumOf } from "./geometry.js";
+import { PagePart } from "../page/page.js";
 
 /** @type {Record<string, [turn: number, right: number, down: number]>} */
 const MOVES = {
@@ -15,22 +16,18 @@ const PAUSE_MS = 250; // keys closer together than this are one gesture
 
 export const isMove = (/** @type {string} */ name) => name in MOVES;
 
-export class KeyNudges {
+export class KeyNudges extends PagePart {
   gesture = /** @type {{ view: number; by: By; timer?: number } | null} */ (null);
-
-  /** `send({theta, u, v})` moves the proposal for good. @param {Page} page @param {(by: By) => void} send */
-  constructor(page, send) {
-    this.page = page;
-    this.send = send;
-  }
+  /** @type {NonNullable<Panel["actions"]>} */
+  actions = Object.fromEntries(Object.keys(MOVES).map((name) => [name, (large) => this.move(name, large ? 10 : 1)]));
 
   /** Move by an action of the table, so many times its step. */
   move(/** @type {string} */ name, /** @type {number} */ times) {
+    const { canvas } = this;
     const { settings, pending } = this.page.state;
     const [turn, right, down] = MOVES[name].map((steps) => steps * times);
     const step = settings.step_mm / 1000;
-    const by = this.page.canvas.asSeen((turn * settings.step_deg * Math.PI) / 180, right * step, down * step);
-    const { canvas } = this.page;
+    const by = canvas.asSeen((turn * settings.step_deg * Math.PI) / 180, right * step, down * step);
     canvas.showPreview(sumOf(canvas.preview, by));
     this.gesture ??= { view: pending?.view_index ?? -1, by: { theta: 0, u: 0, v: 0 } };
     this.gesture.by = sumOf(this.gesture.by, by);
@@ -44,6 +41,6 @@ export class KeyNudges {
     clearTimeout(this.gesture.timer);
     const { view, by } = this.gesture;
     this.gesture = null;
-    if (this.page.state.pending?.view_index === view) this.send(by);
+    if (this.page.state.pending?.view_index === view) this.page.move(by);
   }
 }

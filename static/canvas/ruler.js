@@ -9,7 +9,6 @@ const LEAST_PX = 3;
 /** @typedef {{ from: { u: number; v: number }; to: { u: number; v: number } }} Line */
 
 export class Ruler extends PagePart {
-  name = "ruler";
   actions = { ruler: () => this.toggle() };
   on = false;
   line = /** @type {Line | null} */ (null);
@@ -50,6 +49,7 @@ export class Ruler extends PagePart {
 
   /** The shape at a revision is shown: what was measured on another holds no longer. */
   update(/** @type {State} */ state) {
+    byId("canvas").classList.toggle("measuring", this.on);
     if (state.mode === "camera") return;
     const revision = `${this.canvas.side} ${state.layers?.revision}`;
     if (revision === this.revision) return;

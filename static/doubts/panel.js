@@ -44,12 +44,20 @@ export class DoubtsPanel extends PagePart {
   constructor(/** @type {Page} */ page) {
     super(page);
     page.doubts = this;
-    page.sourceMarks.push((view) => this.doubt?.views.find(({ view_index }) => view_index === view)?.rc ?? []);
-    page.canvas.around.push(() => this.drawn.flatMap(({ placed, grid }) => (placed ? [] : cornersOf(boxOf(grid)))));
-    page.canvas.around.push(() => {
-      const { doubt, held } = this;
-      return held && doubt ? doubt.choices.flatMap((choice) => loopsAt(doubt, motionOf(choice)).flat()) : [];
-    });
+  }
+
+  sourceMarks(/** @type {number} */ view) {
+    return this.doubt?.views.find(({ view_index }) => view_index === view)?.rc ?? [];
+  }
+
+  around() {
+    const { doubt, held } = this;
+    const pieces = this.drawn.flatMap(({ placed, grid }) => (placed ? [] : cornersOf(boxOf(grid))));
+    const choices = held && doubt ? doubt.choices : [];
+    return [
+      ...pieces,
+      ...choices.flatMap((choice) => loopsAt(/** @type {Doubt} */ (doubt), motionOf(choice)).flat()),
+    ];
   }
 
   get list() {

@@ -24,7 +24,6 @@ const NONE = "none of these";
 const full = (/** @type {number} */ angle) => (angle + 2 * Math.PI) % (2 * Math.PI);
 const SURE = 0.995; // the line above says it all
 const GRAB_PX = 10;
-const CLICK_PX = 4;
 
 /** @typedef {{ outline_uv_m: UV[]; points: GarmentPoint[] }} Outlined */
 
@@ -39,7 +38,7 @@ export class GarmentPanel extends PagePart {
   actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
   section = byId("garment");
   preview = /** @type {Outlined | null} */ (null); // outline and points while one of them is moved
-  grabbed = /** @type {(Point & { name: string; moved: boolean }) | null} */ (null); // by the pointer
+  grabbed = /** @type {string | null} */ (null); // the name of the point under the pressed pointer
   revision = 0;
   question = this.page.question(
     "garment_preview",
@@ -47,11 +46,9 @@ export class GarmentPanel extends PagePart {
     (preview) => this.showPreview(preview),
   );
 
-  constructor(/** @type {Page} */ page) {
-    super(page);
-    // The outline, once the shape is upright; of the first views it may lie anywhere.
-    const isShown = () => this.turnedFrom !== null && page.canvas.side === "this";
-    page.canvas.around.push(() => (isShown() && this.drawn?.outline_uv_m) || []);
+  /** The outline, once the shape is upright; of the first views it may lie anywhere. */
+  around() {
+    return (this.turnedFrom !== null && this.canvas.side === "this" && this.drawn?.outline_uv_m) || [];
   }
 
   /** What the server says. */
@@ -237,21 +234,18 @@ export class GarmentPanel extends PagePart {
     const taken = state?.pending || brush?.side || doubts.held || canvas.side === "other";
     const near = taken ? null : this.near(at);
     if (!near) return false;
-    this.grabbed = { name: near.name, x: at.x, y: at.y, moved: false };
+    this.grabbed = near.name;
     return true;
   }
 
-  drag(/** @type {PointerPlace} */ at) {
-    const { grabbed } = this;
-    if (!grabbed) return;
-    grabbed.moved ||= Math.hypot(at.x - grabbed.x, at.y - grabbed.y) > CLICK_PX;
-    if (grabbed.moved) this.ask(grabbed.name, at.u, at.v);
+  drag(/** @type {PointerPlace} */ at, /** @type {boolean} */ moved) {
+    if (this.grabbed && moved) this.ask(this.grabbed, at.u, at.v);
   }
 
-  release(/** @type {PointerPlace} */ at) {
-    if (!this.grabbed) return;
-    const { name, moved } = this.grabbed;
+  release(/** @type {PointerPlace} */ at, /** @type {boolean} */ moved) {
+    const name = this.grabbed;
     this.grabbed = null;
+    if (!name) return;
     if (moved) this.page.send({ type: "hold_point", name, u_m: at.u, v_m: at.v });
     else this.page.send({ type: "pick_point", name });
   }
@@ -284,7 +278,7 @@ export class GarmentPanel extends PagePart {
 
   drawOver() {
     const { drawn } = this;
-    if (drawn) drawGarment(this.canvas, drawn, this.grabbed?.name ?? this.pointed);
+    if (drawn) drawGarment(this.canvas, drawn, this.grabbed ?? this.pointed);
   }
 
   drawInScene(/** @type {Pen} */ pen, /** @type {PlaceInScene} */ place) {

@@ -107,10 +107,6 @@ export class Column extends PagePart {
           ],
     );
   }
-
-  get status() {
-    return { part: this.part, parts: this.parts.map(([name]) => name) };
-  }
 }
 
 const NARROW_PX = 600; // a phone

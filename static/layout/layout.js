@@ -2,12 +2,12 @@
 
 import { PagePart } from "../page/page.js";
 import { byId, rebuild, smallButton, taken, targetOf, within } from "../page/dom.js";
+import { KeptSwitch } from "../page/theme.js";
 
 const WIDE_PX = 1200; // from here on all panes are beside one another
 const BESIDE_PX = 800; // from here on the details are beside the others
 const HIGH_PX = 640; // from here on two panes can be stacked
 const CHOSEN = "flatcloth-pane";
-const FOLDED = "flatcloth-readout-folded";
 /** @type {Record<string, number>} of the divider, by keys */
 const STEPS = { ArrowLeft: -0.02, ArrowUp: -0.02, ArrowRight: 0.02, ArrowDown: 0.02, Home: -1, End: 1 };
 /** @type {Record<string, string>} */
@@ -44,6 +44,7 @@ export class Layout extends PagePart {
   pane = /** @type {string | null} */ (null);
   present = /** @type {number | null} */ (null);
   chosen = localStorage.getItem(CHOSEN);
+  folded = new KeptSwitch("readout-folded", true);
   box = byId("panes");
   menu = byId("menu");
   foldButton = byId("fold");
@@ -101,10 +102,10 @@ export class Layout extends PagePart {
     const { dataset } = document.documentElement;
     dataset.layout = kind;
     dataset.pane = this.pane ?? "all";
-    const fold = localStorage.getItem(FOLDED) !== "no";
-    readouts.classList.toggle("folded", fold);
-    this.foldButton.setAttribute("aria-expanded", String(!fold));
-    this.foldButton.textContent = fold ? "▴" : "▾";
+    const { on: isFolded } = this.folded;
+    readouts.classList.toggle("folded", isFolded);
+    this.foldButton.setAttribute("aria-expanded", String(!isFolded));
+    this.foldButton.textContent = isFolded ? "▴" : "▾";
     this.arranged();
     this.show();
   }
@@ -132,8 +133,7 @@ export class Layout extends PagePart {
   }
 
   fold() {
-    const folded = readouts.classList.contains("folded");
-    localStorage.setItem(FOLDED, folded ? "no" : "yes");
+    this.folded.on = !this.folded.on;
     this.apply();
   }
 }

@@ -86,12 +86,12 @@ export function showDecisions(/** @type {OfflinePage} */ page) {
   ]);
 }
 
-/** @param {OfflinePage} page @param {number | null} u @param {number} v */
-export function showValues({ cloth, step }, u, v) {
-  const n = u === null ? -1 : cloth.pixelAt(u, v, step);
+/** @param {OfflinePage} page @param {Place | null} at */
+export function showValues({ cloth, step }, at) {
+  const n = at ? cloth.pixelAt(at.u_m, at.v_m, step) : -1;
   const known = (/** @type {() => string} */ text) => (n < 0 ? "–" : text());
   showReadout([
-    ["u, v", "mm on the plane", known(() => `${vector([1000 * (u ?? 0), 1000 * v])} mm`)],
+    ["u, v", "mm on the plane", known(() => `${vector([at?.u_m ?? 0, at?.v_m ?? 0], 1, 1000)} mm`)],
     ["x y z", "mm, object frame", known(() => `${vector(cloth.point(n), 1, 1000)} mm`)],
     ["Z-angle", "deg", known(() => degrees(cloth.zAngle(n)))],
     ["Source", "view", known(() => `view ${cloth.views[cloth.source[n]]}`)],

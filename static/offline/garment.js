@@ -7,7 +7,7 @@ import { byId, make, rebuild } from "../page/dom.js";
 
 export function showGarment(/** @type {OfflinePage} */ page) {
   const { text, found } = page.garment;
-  rebuild(byId("garment"), ["garment", page.flat.side], () => {
+  rebuild(byId("garment"), ["garment", page.canvas.side], () => {
     const title = make("h2", "Garment");
     if (!found) return [title, make("p.nothing", text)];
     const [name, share] = found.probabilities[0];
@@ -26,9 +26,9 @@ export function showGarment(/** @type {OfflinePage} */ page) {
 function row(/** @type {OfflinePage} */ page, /** @type {GarmentPoint} */ point) {
   const pointAt = (/** @type {string | null} */ name) => {
     page.pointed = name;
-    page.flat.redraw();
+    page.canvas.redraw();
   };
-  const click = () => point.seen && page.flat.side === "this" && page.pickAt(...point.uv_m);
+  const click = () => point.seen && page.canvas.side === "this" && page.pickAt(...point.uv_m);
   const button = pointButton(point, "", pointAt, { click });
   return make("li", { class: point.seen ? "seen" : "predicted" }, button);
 }

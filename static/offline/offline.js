@@ -47,6 +47,8 @@ export class OfflinePage extends Page {
       run: (name) => this.does[name](),
       show: () => this.show(),
       decide: () => {},
+      pick: (u, v) => this.pickAt(u, v),
+      move: () => {},
     });
     this.history = history;
     /** @type {Record<SideName, OfflineData["other"]>} */
@@ -60,18 +62,15 @@ export class OfflinePage extends Page {
     this.current = /** @type {OfflinePick | null} */ (null);
     this.pointed = /** @type {string | null} */ (null); // the named point of the garment that is pointed at
     this.timer = /** @type {number | null} */ (null);
-    this.flat = this.canvas = new FlatCanvas({
-      pick: (u, v) => this.pickAt(u, v),
-      hover: (u, v) => showValues(this, u, v),
-      nudge: () => {},
-      mayDrag: () => false,
-    });
-    this.draws({
+    /** @type {FlatCanvas} */
+    this.canvas = new FlatCanvas(this);
+    this.add({
+      hover: (/** @type {Place | null} */ at) => showValues(this, at),
       drawOver: () => {
         if (this.step < this.last) return; // pieces and garment lie as they do in the end
-        drawPieces(this.flat, floatingOf(this.shownSide).pieces, null);
+        drawPieces(this.canvas, floatingOf(this.shownSide).pieces, null);
         const { found } = this.garment;
-        if (found?.kind) drawGarment(this.flat, found, this.pointed);
+        if (found?.kind) drawGarment(this.canvas, found, this.pointed);
       },
     });
     const { low, high } = history.extent;
@@ -102,7 +101,7 @@ export class OfflinePage extends Page {
     this.show();
     // Upright, as the operator page shows a finished garment.
     const turn = history.garment.found?.kind ? history.garment.found.upright_rad : 0;
-    if (turn) this.flat.turnTo((turn + 2 * Math.PI) % (2 * Math.PI));
+    if (turn) this.canvas.turnTo((turn + 2 * Math.PI) % (2 * Math.PI));
   }
 
   /** @type {Record<string, () => unknown>} what each action does */
@@ -116,9 +115,9 @@ export class OfflinePage extends Page {
       last: () => this.goTo(this.last, false),
       tint: () => this.look({ tint: !this.tint }),
       turn_over: () => this.turnOver(),
-      fit: () => this.flat.fit(),
-      zoom_in: () => this.flat.zoomBy(1.4),
-      zoom_out: () => this.flat.zoomBy(1 / 1.4),
+      fit: () => this.canvas.fit(),
+      zoom_in: () => this.canvas.zoomBy(1.4),
+      zoom_out: () => this.canvas.zoomBy(1 / 1.4),
       reset: () => this.cloud.lookAgain(),
       copy: () => copyPick(this),
       theme: toggleTheme,
@@ -164,31 +163,31 @@ export class OfflinePage extends Page {
 
   /** The side that is shown. */
   get shownSide() {
-    return this.flat.side === "other" && this.history.other ? this.history.other : this.history;
+    return this.canvas.side === "other" && this.history.other ? this.history.other : this.history;
   }
 
   /** The garment as it is seen on the shown side. */
   get garment() {
     const { garment, other } = this.history;
-    if (this.flat.side === "this" || !other) return garment;
+    if (this.canvas.side === "this" || !other) return garment;
     return { ...garment, found: other.is_related ? turned(garment.found) : null };
   }
 
   turnOver() {
-    if (this.history.other) this.turn(this.flat.side === "this" ? "other" : "this");
+    if (this.history.other) this.turn(this.canvas.side === "this" ? "other" : "this");
     else this.notify("info", "This session has one side: its other side was not computed.");
   }
 
   turn(/** @type {SideName} */ side) {
     const shown = this.sides[side];
-    if (!shown || side === this.flat.side) return;
-    this.flat.side = side;
+    if (!shown || side === this.canvas.side) return;
+    this.canvas.side = side;
     this.cloth = shown.cloth;
     this.layers = shown.layers;
-    this.flat.extent = null;
-    const { angle } = this.flat.transform;
-    this.flat.fitted = true;
-    this.flat.turnTo((2 * Math.PI - angle) % (2 * Math.PI)); // what was up stays up
+    this.canvas.extent = null;
+    const { angle } = this.canvas.transform;
+    this.canvas.fitted = true;
+    this.canvas.turnTo((2 * Math.PI - angle) % (2 * Math.PI)); // what was up stays up
     this.show();
   }
 
@@ -203,7 +202,7 @@ export class OfflinePage extends Page {
       setCurrent(button, order === this.step);
     }
     /** @type {Record<string, boolean>} */
-    const pressed = { play: Boolean(this.timer), tint: this.tint, turn_over: this.flat.side === "other" };
+    const pressed = { play: Boolean(this.timer), tint: this.tint, turn_over: this.canvas.side === "other" };
     for (const { name } of this.history.layers) pressed[`layer_${name}`] = name === this.layer;
     for (const [name, on] of Object.entries(pressed)) setPressed(buttonOf(name), on);
     buttonOf("play").childNodes[0].textContent = this.timer ? "Pause" : "Play";
@@ -215,7 +214,7 @@ export class OfflinePage extends Page {
       `Step ${this.step + 1} of ${this.last + 1}: view ${step.view_index} at ${number(step.angle_deg, 0)}°,` +
         ` ${step.told}. It adds ${cm2(step.added_cm2)}; the shape has ${cm2(step.area_cm2)}${floating}${end}`,
     );
-    if (this.flat.side === "other" && other)
+    if (this.canvas.side === "other" && other)
       setText(byId("hint"), `The other side, as seen from its own outside: ${cm2(other.area_cm2)}.`);
     showLegend(this.layers[this.layer].legend);
     showPicks(this);
@@ -240,23 +239,23 @@ export class OfflinePage extends Page {
     }
     const canvas = new OffscreenCanvas(grid.cols, grid.rows);
     contextOf(canvas).putImageData(image, 0, 0);
-    this.flat.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas });
+    this.canvas.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas });
     this.cloud.tint = this.tint ? 0.5 : 0;
-    if (this.flat.side === "this") this.cloud.colors = colors;
+    if (this.canvas.side === "this") this.cloud.colors = colors;
     this.marks();
   }
 
   marks() {
     const pick = this.current;
-    this.flat.pick = pick?.uv_m && this.isShown(pick) ? { uv_m: pick.uv_m, grip: pick.grip } : null;
-    this.flat.showMarks(this.history.picks.filter((p) => this.isShown(p)));
+    this.canvas.pick = pick?.uv_m && this.isShown(pick) ? { uv_m: pick.uv_m, grip: pick.grip } : null;
+    this.canvas.showMarks(this.history.picks.filter((p) => this.isShown(p)));
     this.cloud.mark = pick && { point: pick.position_held_m, gripper: pick.grip?.gripper_m ?? null };
     this.cloud.redraw();
   }
 
   /** @param {OfflinePick} pick */
   isShown = (pick) =>
-    pick.uv_m !== null && pick.side === this.flat.side && this.cloth.pixelAt(...pick.uv_m, this.step) >= 0;
+    pick.uv_m !== null && pick.side === this.canvas.side && this.cloth.pixelAt(...pick.uv_m, this.step) >= 0;
 
   // --- steps ---------------------------------------------------------------------------------
 
@@ -310,7 +309,7 @@ export class OfflinePage extends Page {
     this.setCurrent({
       id: null,
       name: "Here",
-      side: this.flat.side,
+      side: this.canvas.side,
       rc,
       uv_m: uv,
       miss_m: miss,
@@ -335,7 +334,7 @@ export class OfflinePage extends Page {
 let page = /** @type {OfflinePage | null} */ (null);
 
 onTheme(() => {
-  page?.flat.redraw();
+  page?.canvas.redraw();
   page?.cloud.redraw();
 });
 applyTheme();
@@ -346,7 +345,7 @@ try {
   ));
   startKeys({ state: () => made.state, modes: () => [], mayMove: () => false, run: made.run });
   applyTheme();
-  showValues(made, null, 0);
+  showValues(made, null);
   Object.assign(window, { flatcloth: page });
 } catch (error) {
   showWords(

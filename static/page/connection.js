@@ -97,13 +97,12 @@ export class Fetched {
     this.value = /** @type {T | null} */ (null); // null until the answer is there
   }
 
-  /** Whether this is another address than the last; null: nothing is wanted. */
+  /** Ask for what an address has, unless it is the last one; null: nothing is wanted. */
   want(/** @type {string | null} */ address) {
-    if (address === this.address) return false;
+    if (address === this.address) return;
     this.address = address;
     this.value = null;
     if (address !== null) void this.fetch(address);
-    return true;
   }
 
   async fetch(/** @type {string} */ address) {

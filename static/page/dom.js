@@ -18,8 +18,7 @@ export const findAll = (/** @type {string} */ selector, /** @type {ParentNode} *
   /** @type {HTMLElement[]} */ ([...root.querySelectorAll(selector)]);
 
 /** The button of an action. */
-export const buttonOf = (/** @type {string} */ action, /** @type {ParentNode} */ root = document) =>
-  find(`[data-action="${action}"]`, root);
+export const buttonOf = (/** @type {string} */ action) => find(`[data-action="${action}"]`);
 
 /** Give the button of an action another title. @param {string} action @param {string} title */
 export function setTitle(action, title) {
@@ -152,11 +151,8 @@ export const tickBox = (checked, change, more) =>
   make("input", { type: "checkbox", checked, change: (event) => change(event.target.checked), ...more });
 
 /** Names and values as a list: [name, text, tooltip]; false is left out. @param {...ValueRow} rows */
-export const values = (...rows) => make("dl.values", ...valueRows(...rows));
-
-/** Its rows alone. @param {...ValueRow} rows */
-export const valueRows = (...rows) =>
-  rows.flatMap((row) => (row ? [make("dt", { tip: row[2] }, row[0]), make("dd", row[1])] : []));
+export const values = (...rows) =>
+  make("dl.values", ...rows.map((row) => row && [make("dt", { tip: row[2] }, row[0]), make("dd", row[1])]));
 
 /** A title with what stands beside it. @param {string} title @param {...Child} more */
 export const heading = (title, ...more) => make("div.heading", make("h2", title), ...more);
@@ -164,28 +160,13 @@ export const heading = (title, ...more) => make("div.heading", make("h2", title)
 /** A square that shows a colour. */
 export const swatch = (/** @type {string} */ color) => make("i.swatch", { style: { background: color } });
 
-const LOST =
-  "The browser has taken its graphics from the 3D view (WebGL context lost). If it does not come back, load this " +
-  "page again.";
-export const NO_GRAPHICS =
-  "The 3D view needs WebGL 2, which this browser does not give it. The flattened view works without it.";
-
 /** How a canvas is drawn on in 3D; null where the browser has no WebGL, or refuses it. */
-export function graphicsOf(/** @type {HTMLCanvasElement} */ canvas, settings = {}) {
+export function graphicsOf(/** @type {HTMLCanvasElement} */ canvas) {
   try {
-    return /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", settings));
+    return canvas.getContext("webgl2");
   } catch {
     return null;
   }
-}
-
-/**
- * Say it over a 3D view when it loses its graphics, until they are back.
- * @param {EventTarget} view @param {HTMLElement} words
- */
-export function sayWhenLost(view, words) {
-  view.addEventListener("webglcontextlost", () => showWords(words, LOST), true);
-  view.addEventListener("webglcontextrestored", () => showWords(words, ""), true);
 }
 
 let withoutCard = /** @type {boolean | undefined} */ (undefined);

@@ -3,7 +3,6 @@
 import { PagePart } from "./page.js";
 
 export class Hover extends PagePart {
-  name = "hover";
   last = /** @type {Place | null} */ (null); // where the pointer is
   about = ""; // what the last state showed there
   question = this.page.question(
@@ -22,8 +21,7 @@ export class Hover extends PagePart {
   }
 
   /** The pointer is at a place of the plane, or has left it. */
-  at(/** @type {Place | null} */ place) {
-    this.page.each("hover", place);
+  hover(/** @type {Place | null} */ place) {
     this.last = place;
     if (place) return this.question.ask(place);
     this.question.drop();

@@ -29,12 +29,10 @@ export class Page {
     this.canvas = /** @type {FlatCanvas} */ (later);
     this.comparison = /** @type {Comparison} */ (later);
     this.looking = /** @type {Looking} */ (later);
-    this.ruler = /** @type {Ruler} */ (later);
     this.sceneMarks = /** @type {SceneMarks} */ (later); // what is drawn over the 3D scene
     this.recordingIsWrong = false; // by its check, for certain
     this.isSettled = false; // the first picture is there, or awaited no longer
-    this.sourceMarks = /** @type {((view: number) => UV[])[]} */ ([]); // pixels that panels mark in a source image
-    this.verdicts = /** @type {Verdicts} */ (later);
+    this.timeline = /** @type {Timeline} */ (later);
     this.doubts = /** @type {DoubtsPanel} */ (later);
     this.column = /** @type {RightColumn} */ (later);
     this.brush = /** @type {SidesPanel} */ (later); // of the side of interest, for panels that can be painted on
@@ -50,15 +48,7 @@ export class Page {
    */
   add(panel) {
     this.panels.push(/** @type {Panel} */ (panel));
-    this.draws(/** @type {Panel} */ (panel));
     return panel;
-  }
-
-  /** Let a part draw over the flattened view and the scene, and have the pointer, as far as it does. */
-  draws(/** @type {Partial<Overlay>} */ part) {
-    if (part.drawOver) this.canvas.drawers.push((...args) => part.drawOver?.(...args));
-    if (part.drawInScene) this.sceneMarks.drawers.push((...args) => part.drawInScene?.(...args));
-    if (part.drag && part.release) this.canvas.tools.push(/** @type {Tool} */ (part));
   }
 
   send(/** @type {ClientMessage} */ message) {
@@ -71,6 +61,11 @@ export class Page {
   run = (/** @type {string} */ name) => this.handlers.run(name);
 
   decide = (/** @type {string} */ name, more = {}) => this.handlers.decide(name, more);
+
+  /** Move the proposal for good. */
+  move(/** @type {By} */ by) {
+    this.handlers.move(by);
+  }
 
   /** Draw the page again, after something of this tab has changed. */
   changed() {
@@ -159,6 +154,10 @@ export class Page {
 
   /** Call a method of the panels in turn until one returns true; whether one did. @type {CallPanels<boolean>} */
   offer = (event, ...args) => this.panels.some((panel) => call(panel, event, args));
+
+  /** The places that a method of the panels gives, of all that have it. @type {CallPanels<UV[]>} */
+  gather = (event, ...args) =>
+    this.panels.flatMap((panel) => /** @type {UV[] | undefined} */ (call(panel, event, args)) ?? []);
 }
 
 const call = (/** @type {Panel} */ panel, /** @type {PanelEvent} */ event, /** @type {unknown[]} */ args) =>

@@ -34,7 +34,6 @@ export class SceneMarks extends PagePart {
   pick = /** @type {CurrentPick | null} */ (null); // its numbers, once they are known
   cursor = /** @type {XYZ | null} */ (null); // a point in space that the pointer is at, on either side
   plane = /** @type {UV | null} */ (null); // and where it lies on the plane
-  drawers = /** @type {SceneDrawer[]} */ ([]); // of panels
   drawn = /** @type {({ id: number; x: number; y: number; inside: boolean } | null)[]} */ ([]); // for tests
   cursorAt = /** @type {Point | null} */ (null);
   dirty = true;
@@ -170,7 +169,7 @@ export class SceneMarks extends PagePart {
     Object.assign(this.overlay.style, { width: `${width}px`, height: `${height}px` });
     const pen = new Pen(sized(this.overlay, width, height));
     const place = (/** @type {XYZ} */ point) => this.place(view, point);
-    for (const draw of this.drawers) draw(pen, place);
+    this.page.each("drawInScene", pen, place);
     this.drawn = this.picks.map((pick) => this.drawPick(pen, place, pick));
     const at = this.cursor && place(this.cursor);
     if (at) pen.ring(at, "--accent", 7);

@@ -25,7 +25,6 @@ export class Toolbar extends PagePart {
         setAllowed(button, action.why_not, tipOf(action));
     for (const { pressed } of this.page.panels)
       for (const [name, on] of Object.entries(pressed ?? {})) setPressed(buttonOf(name), on);
-    byId("canvas").classList.toggle("measuring", this.page.ruler.on);
     if (state.capture) setTitle("capture_pause", state.capture.playing ? "Pause" : "Go on");
     else this.updateSession(state);
     for (const layer of LAYERS)

@@ -8,11 +8,10 @@ import type { Comparison as ComparisonClass } from "../canvas/compare.js";
 import type { Pen as PenClass } from "../canvas/pen.js";
 import type { Picture as PictureClass } from "../canvas/picture.js";
 import type { Pyramid as PyramidClass } from "../canvas/pyramid.js";
-import type { Ruler as RulerClass } from "../canvas/ruler.js";
 import type { Page as PageClass } from "./page.js";
 import type { SceneMarks as SceneMarksClass } from "./scene_marks.js";
 import type { SidesPanel as SidesPanelClass } from "../panels/sides.js";
-import type { Verdicts as VerdictsClass } from "../review/verdicts.js";
+import type { Timeline as TimelineClass } from "../review/timeline.js";
 import type { GarmentPanel as GarmentPanelClass } from "../garment/panel.js";
 import type { DoubtsPanel as DoubtsPanelClass } from "../doubts/panel.js";
 import type { Column as ColumnClass } from "../layout/column.js";
@@ -74,12 +73,14 @@ declare global {
     decide: (action: string, more?: object) => void;
     /** Draw the page again. */
     show: (state: State) => void;
+    /** Cloth was clicked. */
+    pick: (u_m: number, v_m: number) => void;
+    /** Move the proposal for good. */
+    move: (by: By) => void;
   };
-  /** What is drawn over the pictures and the scene, and tools of the pointer on the canvas. */
-  type Overlay = { drawOver: Drawer; drawInScene: SceneDrawer } & Tool;
   /** A part of the page; each member may be left out. */
-  interface Panel extends Partial<Omit<Overlay, "press">> {
-    /** Under which its `status` stands in `window.flatcloth`. */
+  interface Panel extends Partial<Tool> {
+    /** Under which tests find it in `window.flatcloth`. */
     name?: string;
     /** Takes each state of the server. */
     update?(state: State): void;
@@ -87,6 +88,16 @@ declare global {
     actions?: Record<string, (large: boolean) => void>;
     /** What it takes, by the type of the server's message. */
     messages?: { [T in ServerMessage["type"]]?: (message: Extract<ServerMessage, { type: T }>) => void };
+    /** Draws over the pictures of the flattened view. */
+    drawOver?(pen: Pen): void;
+    /** Draws over the 3D scene. */
+    drawInScene?(pen: Pen, place: PlaceInScene): void;
+    /** Places of what it draws beyond the cloth, which are to be in sight. */
+    around?(): UV[];
+    /** Pixels (row, col) that it marks in the source image of a view. */
+    sourceMarks?(view: number): UV[];
+    /** Whether what lies at a place of the pane can be dragged. */
+    holds?(at: PointerPlace): boolean;
     /** A click on the flattened view; true: it is taken. */
     click?(u_m: number, v_m: number): boolean;
     /** The pointer on the flattened view. */
@@ -103,6 +114,8 @@ declare global {
     turned?(side: SideName): void;
     /** The proposal is drawn where the server has put it. */
     placed?(): void;
+    /** A picture of the shape is drawn. */
+    pictured?(): void;
     /** The connection is lost: pending requests stay unanswered. */
     disconnected?(): void;
     /** Another server process may answer from now on. */
@@ -114,8 +127,6 @@ declare global {
     pressed?: Record<string, boolean>;
     /** False: Accept waits, as its button now says. */
     mayAccept?(state: State): boolean;
-    /** For tests. */
-    status?: unknown;
   }
   type PanelEvent =
     | "update"
@@ -129,7 +140,12 @@ declare global {
     | "disconnected"
     | "reconnected"
     | "lookAt"
-;
+    | "drawOver"
+    | "drawInScene"
+    | "around"
+    | "sourceMarks"
+    | "pictured"
+    | "cancel";
   type CallPanels<Result> = <E extends PanelEvent>(event: E, ...args: Parameters<NonNullable<Panel[E]>>) => Result;
 
   type Page = PageClass;
@@ -138,10 +154,9 @@ declare global {
   type Comparison = ComparisonClass;
   type Picture = PictureClass;
   type Pyramid = PyramidClass;
-  type Ruler = RulerClass;
   type SceneMarks = SceneMarksClass;
   type SidesPanel = SidesPanelClass;
-  type Verdicts = VerdictsClass;
+  type Timeline = TimelineClass;
   type GarmentPanel = GarmentPanelClass;
   type DoubtsPanel = DoubtsPanelClass;
   type RightColumn = ColumnClass;
@@ -190,16 +205,15 @@ declare global {
     outline?: Pyramid;
   };
   type LabelLook = { font?: string; color?: string; alpha?: number; height?: number; width?: number | null };
-  /** Draws over the pictures of the flattened view. */
-  type Drawer = (pen: Pen) => void;
   /** Where a point in space is seen on the overlay of the scene; null behind the eye. */
   type PlaceInScene = (point: XYZ) => Point | null;
-  type SceneDrawer = (pen: Pen, place: PlaceInScene) => void;
-  /** A mode of the pointer on the canvas. */
+  /** A mode of the pointer on the canvas: what takes a press gets what follows. */
   type Tool = {
-    press(at: PointerPlace): boolean;
-    drag(at: PointerPlace): void;
-    release(at: PointerPlace): void;
+    press(at: PointerPlace, withShift: boolean): boolean;
+    /** `moved`: farther than in a click. */
+    drag(at: PointerPlace, moved: boolean): void;
+    /** False: it was a click, as on any cloth. */
+    release(at: PointerPlace, moved: boolean): boolean | void;
     /** Two fingers zoom: what was pressed means nothing. */
     cancel?(): void;
   };

@@ -10,13 +10,11 @@ const ACTIONS = { capture_keep: "keep", capture_repeat: "repeat", capture_turned
 const BUTTONS = { turn: ["capture_turned"], review: ["capture_keep", "capture_repeat"] };
 
 export class CapturePanel extends PagePart {
-  name = "capture";
   /** @type {NonNullable<Panel["actions"]>} */
   actions = {
     ...Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.send(ACTIONS[name])])),
     capture_pause: () => this.page.send({ type: "play", playing: !this.page.state.capture?.playing }),
   };
-  status = /** @type {CaptureStatus | null} */ (null);
 
   constructor(/** @type {Page} */ page) {
     super(page);
@@ -30,7 +28,7 @@ export class CapturePanel extends PagePart {
     document.body.classList.toggle("has-camera", there);
     byId("capture").hidden = !there;
     if (!state.capture) return;
-    const status = (this.status = state.capture);
+    const status = state.capture;
     setText(byId("on-air"), status.playing ? "Live" : "Held");
     setText(byId("camera-name"), status.camera);
     byId("capture-rate").dataset.tip = status.camera;

@@ -17,7 +17,6 @@ import { degrees, mm, number, vector } from "../page/format.js";
 import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "./pick_text.js";
 
 export class PicksPanel extends PagePart {
-  name = "picks";
   setsGrip = false; // whether its fields are open
   actions = { copy: () => this.copy(), keep_pick: () => this.keep(this.page.state.pick?.id) };
 

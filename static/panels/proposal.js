@@ -2,7 +2,7 @@
 
 import { PagePart } from "../page/page.js";
 import { joinsBy, joiningText, overlapOfProposal } from "../canvas/overlap.js";
-import { buttonOf, make, section, valueRows, values } from "../page/dom.js";
+import { buttonOf, make, section, values } from "../page/dom.js";
 import { cm2, degrees, number, vector } from "../page/format.js";
 
 const SEEN = 0.05; // mm, or degrees: what is shown as 0.0 is no move
@@ -168,8 +168,8 @@ const nameOf = ({ view_index, component }) => `view ${view_index}, part ${compon
 function foreseen(/** @type {Pending["foreseen"]} */ cloth) {
   if (!cloth) return null;
   return make(
-    "dl#foreseen.values",
-    ...valueRows(
+    "div#foreseen",
+    values(
       ["Adds", cm2(cloth.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
       cloth.joins.length > 0 && ["Joins", cloth.joins.join(", "), "Pieces that it would connect (A is the shape)"],
       (cloth.moved_mm ?? 0) >= MOVES_MM && [

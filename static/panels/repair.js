@@ -13,7 +13,6 @@ const LEAST_GAIN = 0.005; // of the score
 /** @typedef {Point & { pair: Pair; index: number; end: "own" | "shape" }} End */
 
 export class Repair extends PagePart {
-  name = "repair";
   actions = {
     pairs: () => this.toggle(),
     fit_pairs: () => this.sendPairs(true),
@@ -123,10 +122,6 @@ export class Repair extends PagePart {
 
   get pressed() {
     return { pairs: this.picking };
-  }
-
-  get status() {
-    return { ends: this.ends().map(({ x, y }) => [x, y]) };
   }
 
   /** A click on the plane; returns whether it was meant for a pair. */

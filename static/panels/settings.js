@@ -9,7 +9,6 @@ import { number } from "../page/format.js";
 const OF_LOOK = /^show_|^follow$/;
 
 export class SettingsSheet extends PagePart {
-  name = "settings";
   actions = { settings: () => this.open() };
 
   constructor(/** @type {Page} */ page) {

@@ -61,8 +61,6 @@ export class SourcePanel extends PagePart {
   folded = new KeptSwitch("source-folded", innerWidth < 1200);
   masked = new KeptSwitch("source-mask", true);
   states = new KeptSwitch("source-states"); // why pixels are not in the shape
-  /** @type {Fetched<Share[]>} of the states */
-  shares = new Fetched(askJson, () => this.show());
   zoom = { factor: 1, row: 0, col: 0 }; // and the pixel in the middle
   present = /** @type {number | null} */ (null); // the view that the page is at
   pinned = /** @type {number | null} */ (null); // another view that the operator looks at
@@ -263,15 +261,12 @@ export class SourcePanel extends PagePart {
     if (folded || this.view === null) return;
     setText(byId("source-title"), `View ${this.view} · ${number(this.page.state.views[this.view].angle_deg, 0)}°`);
     showWords(byId("source-back"), this.view === this.present ? "" : `Back to view ${this.present}`);
-    this.showShares(this.statesOf(this.view, "json"));
     this.showSeen();
+    // How much of the view is in which state, below its image.
+    const address = this.statesOf(this.view, "json");
+    const shares = /** @type {Share[] | null} */ (address && this.fetched(address));
+    section("source-states", address && [address, shares], () => shares?.map(shareRow));
     this.draw();
-  }
-
-  /** How much of the view is in which state, below its image. */
-  showShares(/** @type {string | null} */ address) {
-    this.shares.want(address);
-    section("source-states", address && [address, this.shares.value], () => this.shares.value?.map(shareRow));
   }
 
   showSeen() {
@@ -318,7 +313,7 @@ export class SourcePanel extends PagePart {
     (address.includes(".json") ? askJson : askPicture)(address).then((found) => {
       if (!found) return; // what cannot be read is not asked for again and again
       this.kept.set(address, found);
-      this.draw();
+      this.show();
     });
     return null;
   }
@@ -364,7 +359,7 @@ export class SourcePanel extends PagePart {
       const middle = pen.at([rc[0], rc[1]]);
       pen.rimmed(name, 1.75, (to) => traceCross(to, middle, 3, 10));
     }
-    for (const marks of this.page.sourceMarks) pen.squares(marks(view).map(pen.at), "--accent", 4);
+    pen.squares(this.page.gather("sourceMarks", view).map(pen.at), "--accent", 4);
     const states = Boolean(lost && labels);
     this.drawn = { labels: Boolean(labels), states, view, masked, box, scale, pick, pointer };
     if (this.stroke) this.drawStroke(pen, this.stroke, scale);
@@ -375,17 +370,6 @@ export class SourcePanel extends PagePart {
     if (!this.pick) return null;
     if (this.pick.view_index === this.view) return this.pick.source_rc;
     return this.seenIn.value?.seen.find((one) => one.view_index === this.view)?.rc ?? null;
-  }
-
-  /** For tests: what is drawn. */
-  get status() {
-    return {
-      view: this.view,
-      aim: this.aim,
-      folded: this.folded.on,
-      drawn: this.drawn,
-      seen: this.seenIn.value?.seen.map((one) => one.view_index) ?? null,
-    };
   }
 }
 

@@ -19,7 +19,6 @@ const SHOWN = "Two views on each other, as recorded and as mended";
  */
 
 export class CheckPanel extends PagePart {
-  name = "check";
   checked = /** @type {string | null} */ (null);
   panel = byId("check");
 

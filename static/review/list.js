@@ -97,7 +97,7 @@ export class ReviewList extends PagePart {
     const known = isFlattened(view);
     const again = view.why_not_reopen === null;
     const may = again || view.why_not === null;
-    const decide = () => (again ? this.page.verdicts.reopen(view) : this.page.verdicts.propose(view));
+    const decide = () => (again ? this.page.timeline.reopen(view) : this.page.timeline.propose(view));
     const goTo = () => this.page.send({ type: "turn_to", view_index: view.index });
     const there = { label: `View ${view.index}: turn the item to it`, key: `row-${view.index}` };
     const button = may && smallButton(again ? "Reopen" : "Propose", decide, { key: `again-${view.index}` });
@@ -150,10 +150,5 @@ export class ReviewList extends PagePart {
       return;
     }
     taken(event);
-  }
-
-  get status() {
-    const rows = findAll("tbody [data-id^='row-']", this.section);
-    return { open: !this.section.hidden, rows: rows.map((row) => Number(row.textContent)) };
   }
 }

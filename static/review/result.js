@@ -144,7 +144,7 @@ export class ResultPanel extends PagePart {
       make(
         "ul",
         ...best.map(([view, area]) => {
-          const click = () => this.page.verdicts.propose(this.page.state.views[view]);
+          const click = () => this.page.timeline.propose(this.page.state.views[view]);
           const figure = make("span", `up to ${cm2(likely(area))}`);
           return make("li", make("button", { key: `more-${view}`, click }, make("b", `View ${view}`), figure));
         }),

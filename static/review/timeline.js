@@ -1,7 +1,8 @@
-// The views of the recording in a row: what was decided, in which order, with which score; dragging along it
-// turns the item.
+// The views of the recording in a row: what was decided, in which order, with which score, and to decide again; dragging
+// along it turns the item.
 
-import { byId, make, rebuild, setCurrent, taken, targetOf, within } from "../page/dom.js";
+import { showCommands } from "../page/commands.js";
+import { byId, focusOn, make, rebuild, setCurrent, taken, targetOf, within } from "../page/dom.js";
 import { number } from "../page/format.js";
 import { PagePart } from "../page/page.js";
 
@@ -14,15 +15,20 @@ export const STATES = {
   pending: ["?", "proposed"],
   unused: ["", "not used"],
 };
-export const ACCEPTED = ["accepted", "fixed"];
-export const DECIDED = [...ACCEPTED, "rejected", "skipped"];
+const DECIDED = ["accepted", "fixed", "rejected", "skipped"];
+const WAITING = ["pending", "skipped"];
 const DRAG_PX = 5;
 const PLAY_MS = 400; // a view; its image is there in less
 
 export class Timeline extends PagePart {
   name = "timeline";
-  actions = { play_views: () => this.play() };
+  actions = {
+    play_views: () => this.play(),
+    reopen: () => this.reopenChosen(this.page.state),
+    next_undecided: () => this.nextUndecided(this.page.state),
+  };
   row = byId("timeline");
+  chosen = /** @type {number | null} */ (null); // index of the view that is chosen
   scrubbed = /** @type {number | null} */ (null); // view that the item was turned to
   from = /** @type {number | null} */ (null); // where the pointer went down
   dragged = false;
@@ -65,7 +71,7 @@ export class Timeline extends PagePart {
         key: `view-${view.index}`,
         tip: about + whatAPressDoes(view, state),
         tabindex: view.index === (state.present_view ?? 0) ? 0 : -1, // page/roving.js: one stop of Tab
-        click: () => this.page.verdicts.press(view),
+        click: () => this.choose(view),
       },
       shown && make("span.pair", ...this.pictures(view, state, labelled)),
       drawn("span.sign", view.flagged ? "⚑" : STATES[view.state][0]),
@@ -135,6 +141,53 @@ export class Timeline extends PagePart {
     if (left) this.turnTo(((this.scrubbed ?? this.page.state?.present_view ?? 0) + 1) % this.cells.length);
     this.page.changed();
   }
+
+  // --- deciding ----------------------------------------------------------------------------------
+
+  /** A press on a view of the timeline. */
+  choose(/** @type {ViewRow} */ view) {
+    if (this.page.state.capture) return this.page.notify("info", view.why_not ?? "");
+    this.chosen = view.index;
+    if (DECIDED.includes(view.state)) this.ask(view);
+    else this.propose(view);
+  }
+
+  /** Decide again about the view that is chosen, or say how to choose one. */
+  reopenChosen(/** @type {State} */ state) {
+    const view = state.views[this.chosen ?? -1];
+    if (!view) return this.page.notify("info", "Choose a view on the timeline first.");
+    if (view.why_not_reopen !== null) return this.page.notify("info", view.why_not_reopen);
+    this.reopen(view);
+  }
+
+  reopen(/** @type {ViewRow} */ view) {
+    this.page.decide("reopen", { view_index: view.index });
+  }
+
+  propose(/** @type {ViewRow} */ view) {
+    if (view.why_not !== null) return this.page.notify("info", view.why_not);
+    this.page.decide("view", { view_index: view.index });
+  }
+
+  nextUndecided(/** @type {State} */ state) {
+    const from = this.chosen ?? state.present_view ?? -1;
+    const order = [...state.views.slice(from + 1), ...state.views.slice(0, from + 1)];
+    const next = order.find((v) => WAITING.includes(v.state)) ?? order.find((v) => v.state === "unused");
+    if (!next) return this.page.notify("info", "Every view is decided.");
+    this.chosen = next.index;
+    const cell = this.cells[next.index];
+    cell.scrollIntoView({ block: "nearest", inline: "center" });
+    focusOn(cell);
+    if (DECIDED.includes(next.state)) this.ask(next);
+  }
+
+  /** What was decided about a view, and to decide again. */
+  ask(/** @type {ViewRow} */ view) {
+    const title = view.state === "skipped" ? "Propose it now" : "Reopen";
+    const reopen = { ...this.page.action("reopen"), title, description: "", why_not: view.why_not_reopen };
+    const about = `View ${view.index}, ${number(view.angle_deg, 0)}°: ${described(view, this.page.state)}.`;
+    showCommands([reopen], () => this.reopen(view), about);
+  }
 }
 
 /** A sign that is drawn by the style sheet: the name of its button has it in words. */
@@ -168,7 +221,7 @@ export const flagsOf = (view, state, flags = view.flags ?? []) =>
 export const doubtsOf = (/** @type {ViewRow} */ view) => (view.flags ?? []).filter((flag) => flag !== "by_hand");
 
 /** What was decided about a view, in words. */
-export function described(/** @type {ViewRow} */ view, /** @type {State} */ state) {
+function described(/** @type {ViewRow} */ view, /** @type {State} */ state) {
   const [, word] = STATES[view.state];
   const flags = flagsOf(view, state, doubtsOf(view));
   const parts = [

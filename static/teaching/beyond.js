@@ -1,6 +1,7 @@
 // The stages beyond the paper: sides, garment, a joint, seams, the check of the recording, and what was learned.
 
 import { boxOf, boxOfPoints, union } from "../canvas/geometry.js";
+import { mirrored } from "../both/seen.js";
 import { words } from "../garment/marks.js";
 import { loopsAt, motionOf } from "../doubts/panel.js";
 import { cm2, count, degrees, number, percent, rgbOf } from "../page/format.js";
@@ -54,16 +55,10 @@ const sides = {
       pane.segments(place, lesson.array.alike, color.pair, 1);
       pane.segments(place, lesson.array.opposite, color.unused, 1);
       side.forEach((sign, k) => {
-        const [x, y] = place.subarray(2 * k, 2 * k + 2);
-        pane.line(
-          [
-            [x, y],
-            [x + along * normal[2 * k], y + along * normal[2 * k + 1]],
-          ],
-          lookOf(sign),
-          1,
-        );
-        pane.dots(place.subarray(2 * k, 2 * k + 2), dot, lookOf(sign));
+        const from = place.subarray(2 * k, 2 * k + 2);
+        const to = from.map((x, axis) => x + along * normal[2 * k + axis]);
+        pane.line([from, to], lookOf(sign), 1);
+        pane.dots(from, dot, lookOf(sign));
       });
     });
     return [
@@ -84,7 +79,7 @@ const garment = {
     const ends = lastOf(energy);
     const best = ends.indexOf(Math.min(...ends));
     const outlines = between(partsOf(array.states, array.states.length / energy.length), time);
-    const loops = partsOf(outlines, outlines.length / ends.length);
+    const loops = partsOf(outlines, outlines.length / ends.length).map((loop) => partsOf(loop, 2));
     const [left, right] = columns(rect, [1.7, 1]);
     const inner = sheet.titled(left, flat ? "The shape of this session" : "An example", "and its starts");
     const box = boxOfPoints([...array.inside_uv, ...array.edge_uv, ...array.states]);
@@ -140,7 +135,7 @@ const joint = {
     sheet.show("joint", box, inner, { margin: 18, bar: true }, (pane) => {
       /** @type {(motion: Motion, color: string, width: number, dash?: number[]) => void} */
       const outline = (motion, look, width, dash) => {
-        for (const loop of loopsAt(weakest, motion)) pane.loop(loop.flat(), look, width, dash);
+        for (const loop of loopsAt(weakest, motion)) pane.loop(loop, look, width, dash);
       };
       pane.picture(lesson.picture.shape, whole, 0.6);
       motions.forEach((motion, n) => outline(motion, colors[n] ?? color.soft, 1.8, [5, 4]));
@@ -169,11 +164,11 @@ const seams = {
     const { palette: color } = sheet;
     if (!its.length)
       return [...ending.draw(sheet, rect, lesson, { at: [0, 0], time: 0 }), ["Other side", "not known yet"]];
-    const mirrored = its.map((loop) => loop.map(([u, v]) => [-u, v]));
+    const behind = its.map((loop) => loop.map(mirrored));
     const inner = sheet.titled(rect, "One plane", "the other side through this one");
-    sheet.show("seams", boxOfPoints([...own, ...mirrored].flat(2)), inner, { margin: 18, bar: true }, (pane) => {
-      for (const loop of own) pane.loop(loop.flat(), color.kept, 1.6);
-      for (const loop of mirrored) pane.loop(loop.flat(), color.new, 1.6);
+    sheet.show("seams", boxOfPoints([...own, ...behind].flat(2)), inner, { margin: 18, bar: true }, (pane) => {
+      for (const loop of own) pane.loop(loop, color.kept, 1.6);
+      for (const loop of behind) pane.loop(loop, color.new, 1.6);
       for (const { this_uv_m, other_uv_m, is_apart } of lesson.seams) {
         const off = this_uv_m.map(([u, v], n) => [-other_uv_m[n][0] - u, other_uv_m[n][1] - v]);
         const isApart = is_apart || off.some(([du, dv]) => Math.hypot(du, dv) > MOST_APART_M); // it floats

@@ -232,16 +232,15 @@ export class Pane {
     context.stroke();
   }
 
-  /** A line through places. @param {number[][]} places @param {string} color @param {number[]} dash */
+  /** A line through places. @param {Numbers[]} places @param {string} color @param {number[]} dash */
   line(places, color, width = 1.5, dash = []) {
     const { sheet } = this;
-    const points = places.map(([u, v]) => this.at(u, v));
+    const points = places.map((place) => this.at(place[0], place[1]));
     sheet.line(points, color, width > 1 ? width * sheet.weight : width, dash);
   }
 
-  /** A closed line through places [u0, v0, ...]. @param {Numbers} uv @param {string} color @param {number[]} dash */
-  loop(uv, color, width = 1.5, dash = []) {
-    const places = Array.from({ length: uv.length / 2 }, (_, i) => [uv[2 * i], uv[2 * i + 1]]);
+  /** A closed line through places. @param {ArrayLike<number>[]} places @param {string} color @param {number[]} dash */
+  loop(places, color, width = 1.5, dash = []) {
     this.line([...places, places[0]], color, width, dash);
   }
 
@@ -273,7 +272,7 @@ export class Plot extends Pane {
     const { em } = sheet;
     const inner = inset(rect, 3.9 * em, 1.9 * em, 0.8 * em, (xLabel ? 3.1 : 0.6) * em);
     super(sheet, key, { left: x[0], right: x[1], top: y[1], bottom: y[0] }, inner, { margin: 0, stretch: true });
-    this.spans = { x, y };
+    this.span = x;
     sheet.frame(inner);
     const look = { color, size: 0.85 };
     /** @type {TextLook} */
@@ -320,28 +319,13 @@ export class Plot extends Pane {
 
   /** A line across the plot, or on to a place of the sheet below it. @param {number} x @param {string} color */
   vertical(x, color, width = 2, bottom = this.rect.y + this.rect.h) {
-    const { x: at } = this.at(x, 0);
-    this.sheet.line(
-      [
-        { x: at, y: this.rect.y },
-        { x: at, y: bottom },
-      ],
-      color,
-      width * this.sheet.weight,
-    );
+    const ends = [this.rect.y, bottom].map((y) => ({ x: this.at(x, 0).x, y }));
+    this.sheet.line(ends, color, width * this.sheet.weight);
   }
 
   /** @param {number} y @param {string} color @param {number[]} dash */
   horizontal(y, color, width = 1.5, dash = []) {
-    const [left, right] = this.spans.x;
-    this.line(
-      [
-        [left, y],
-        [right, y],
-      ],
-      color,
-      width,
-      dash,
-    );
+    const ends = this.span.map((x) => [x, y]);
+    this.line(ends, color, width, dash);
   }
 }

@@ -1,6 +1,6 @@
 // The stages of one view: what it is about, samples and pairs, the minimisation, the flattened view; and the start view.
 
-import { boxOf, boxOfPoints, pixelAt, union } from "../canvas/geometry.js";
+import { boxOf, boxOfPoints, nearest, pixelAt, union } from "../canvas/geometry.js";
 import { within } from "../page/dom.js";
 import { cm2, degrees, mm, number, percent, rgbOf } from "../page/format.js";
 import { columns, imageBox, Plot, rows, shareOf } from "./draw.js";
@@ -13,14 +13,10 @@ const CLASSES = 9;
 /** A view as it is named everywhere: its number, and its angle. @param {Lesson} lesson @param {number} view */
 export const viewName = (lesson, view) => `view ${view} (${degrees(lesson.angles_deg[view], 0)})`;
 
-/** The index of the place of [x0, y0, x1, y1, ...] that is nearest. */
-function nearestOf(/** @type {Numbers} */ places, /** @type {UV} */ [x, y]) {
-  let [best, least] = [0, Infinity];
-  for (let i = 0; i < places.length; i += 2) {
-    const far = Math.hypot(places[i] - x, places[i + 1] - y);
-    if (far < least) [best, least] = [i / 2, far];
-  }
-  return best;
+/** The index of the place of [x0, y0, x1, y1, ...] that is nearest. @param {Numbers} places @param {UV} at */
+function nearestOf(places, [x, y]) {
+  const placesOf = (/** @type {number} */ i) => [{ x: places[2 * i], y: places[2 * i + 1] }];
+  return nearest(Array(places.length / 2).keys(), placesOf, { x, y }, Infinity) ?? 0;
 }
 
 /** The middles of groups of so many of the places [x0, y0, x1, y1, ...]. */

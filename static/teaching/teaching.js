@@ -12,7 +12,6 @@ const AHEAD = /** @type {PartName[]} */ (["flattening", "planning", "alignment"]
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer
 const PROBE_STEP = 0.02; // of the shorter side of a pane, per arrow key
-const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel"];
 const PASSED_ON = ["theme", "help", "log", "settings"];
 
 export class Teaching {
@@ -35,6 +34,15 @@ export class Teaching {
     this.opener = /** @type {HTMLElement | null} */ (null); // what had the focus
   }
 
+  /** @type {Record<string, () => void>} what it does for an action while it is open */
+  does = {
+    teach: () => this.leave(),
+    teach_next: () => this.go(this.at + 1),
+    teach_back: () => this.go(this.at - 1),
+    teach_play: () => this.play(!this.playing),
+    cancel: () => (this.running?.part === this.stage.part ? this.giveUp() : this.leave()),
+  };
+
   get open() {
     return FRAME.isConnected && !FRAME.hidden;
   }
@@ -48,19 +56,6 @@ export class Teaching {
     return this.known[this.stage.part];
   }
 
-  /** What tests want to know. */
-  get status() {
-    return {
-      open: this.open,
-      stage: this.at + 1,
-      time: this.time,
-      playing: Boolean(this.playing),
-      busy: Boolean(this.running),
-      shown: this.shown,
-      error: this.here?.error ?? null,
-    };
-  }
-
   /** Take an action of the page's table; returns whether it was meant for the teaching mode. */
   takes(/** @type {string} */ name) {
     if (!this.open) {
@@ -69,12 +64,7 @@ export class Teaching {
       return true;
     }
     if (PASSED_ON.includes(name)) return false;
-    if (!OURS.includes(name)) return true; // nothing is decided from in here
-    if (name === "teach_next") this.go(this.at + 1);
-    else if (name === "teach_back") this.go(this.at - 1);
-    else if (name === "teach_play") this.play(!this.playing);
-    else if (name === "cancel" && this.running?.part === this.stage.part) this.giveUp();
-    else this.leave();
+    this.does[name]?.(); // nothing else: nothing is decided from in here
     return true;
   }
 

@@ -184,6 +184,20 @@ def program(
     return shared.begin(source)
 
 
+def findings(page: Page) -> list[str]:
+    """Return what axe-core finds: rule, why it matters, and the elements; minor ones are left out."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install '.[test]'")
+    viser = {"exclude": [["#viser"]]}  # the page in the frame is viser's own
+    rules = {"label-content-name-mismatch": {"enabled": True}}
+    options = {"rules": rules, "resultTypes": ["violations"]}  # the nodes of all others are many
+    found = axe.Axe().run(page, context=viser, options=options).response["violations"]
+    return [
+        f"{f['impact']}: {f['id']}: {f['help']}: {[n['html'][:120] for n in f['nodes'][:4]]}"
+        for f in found
+        if f["impact"] != "minor"
+    ]
+
+
 class Tab:
     """The operator page in a tab, with what tests want to know of it."""
 
@@ -246,13 +260,11 @@ class Tab:
     def step(self) -> None:
         """Step, and wait until the proposal is drawn."""
         self.page.keyboard.press("s")
-        self.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
+        self.proposed()
 
-    def propose(self, view: int) -> None:
-        """Choose a view on the timeline, and wait until its proposal is drawn."""
-        self.page.locator("#timeline .view").nth(view).click()
+    def proposed(self) -> None:
+        """Wait until a proposal is drawn."""
         self.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
-        assert self.state()["pending"]["view_index"] == view
 
     def accept(self) -> None:
         """Accept, and wait until the new shape is drawn."""
@@ -263,16 +275,17 @@ class Tab:
     def click_shape(self, along: float = 0.5, down: float = 0.5) -> dict:
         """Click the flattened view at shares of its width and height, and keep the pick; return it."""
         count = len(self.state()["picks"])
-        at = self.page.evaluate(
-            "([x, y]) => { const l = flatcloth.state.layers, d = l.pixel_size_m;"
-            " const [u, v] = l.origin_uv_m;"
-            " return flatcloth.toScreen(u + d * x * l.cols, v + d * y * l.rows); }",
-            [along, down],
-        )
-        self.page.mouse.click(at["x"], at["y"])
+        self.page.mouse.click(*self.at(self.place(along, down)))
         self.until(f"flatcloth.state.picks.length === {count + 1}")
         self.page.keyboard.press("Enter")
         return self.pick()
+
+    def place(self, along: float, down: float, grid: dict | None = None) -> list[float]:
+        """Return the place of the plane at shares of the width and height of a grid, that of the shape."""
+        grid = grid or self.state()["layers"]
+        size = grid["pixel_size_m"]
+        u, v = grid["origin_uv_m"]
+        return [u + size * along * grid["cols"], v + size * down * grid["rows"]]
 
     def at(self, uv: Sequence[float]) -> tuple[float, float]:
         """Return where a place of the plane is on the page."""
@@ -338,17 +351,7 @@ class Tab:
         )
 
     def findings(self) -> list[str]:
-        """Return what axe-core finds: rule, why it matters, and the elements; minor ones are left out."""
-        axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install '.[test]'")
-        viser = {"exclude": [["#viser"]]}  # the page in the frame is viser's own
-        rules = {"label-content-name-mismatch": {"enabled": True}}
-        options = {"rules": rules, "resultTypes": ["violations"]}  # the nodes of all others are many
-        found = axe.Axe().run(self.page, context=viser, options=options).response["violations"]
-        return [
-            f"{f['impact']}: {f['id']}: {f['help']}: {[n['html'][:120] for n in f['nodes'][:4]]}"
-            for f in found
-            if f["impact"] != "minor"
-        ]
+        return findings(self.page)
 
     def shoot(self, name: str) -> None:
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)

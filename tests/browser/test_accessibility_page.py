@@ -34,7 +34,7 @@ def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
     keys.press("d")
     keys.press("i")
     keys.press("Shift+L")
-    tab.until("flatcloth.diagnostics.known !== null && flatcloth.differenceShown !== null")
+    tab.until("flatcloth.diagnostics.known !== null && flatcloth.comparison.shownKind !== null")
     found["difference, why, looking"] = tab.findings()
     keys.press("2")
     keys.press("0")

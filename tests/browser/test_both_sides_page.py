@@ -19,7 +19,9 @@ def program(tmp_path, program_of):
 
 
 def click_at(tab, seam):
-    there = tab.page.evaluate("([u, v]) => flatcloth.bothSides.toScreen(u, v)", seam["uv"])
+    there = tab.page.evaluate(
+        "([u, v]) => flatcloth.toScreen(...flatcloth.canvas.shownAt('other', [u, v]))", seam["uv"]
+    )
     tab.page.mouse.click(there["x"], there["y"])
 
 
@@ -33,7 +35,9 @@ def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(o
     assert tab.page.evaluate("flatcloth.state.other.layers.area_cm2") > 500
     # Turned over: the other side, its own pixels under the pointer, and a pick with a pose there.
     keys.press("m")
-    tab.until("flatcloth.bothSides.side === 'other' && flatcloth.layerShown?.startsWith('other/')")
+    tab.until(
+        "flatcloth.canvas.side === 'other' && flatcloth.canvas.layer.shown?.address.startsWith('other/')"
+    )
     expect(tab.page.locator("#side-chip")).to_be_visible()
     tab.until("flatcloth.doubts.list.some(({ kind }) => kind === 'seam')")
     seam = tab.page.evaluate(
@@ -67,7 +71,7 @@ def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(o
     keys.press("Shift+Y")
     # Both beside one another: what is picked on the right is on the other side.
     keys.press("Shift+J")
-    tab.until("flatcloth.bothSides.beside && flatcloth.bothSides.side === 'this'")
+    tab.until("flatcloth.canvas.beside.picture.shown && flatcloth.canvas.side === 'this'")
     tab.shoot("side-by-side")
     expect(tab.page.locator('[data-action="beside"]')).to_have_attribute("aria-pressed", "true")
     click_at(tab, seam)

@@ -43,35 +43,35 @@ def tab(flat_chromium, camera: SceneCamera, tmp_path: Path, request: pytest.Fixt
 
 
 def test_views_are_captured_turn_by_turn(tab: Tab, camera: SceneCamera, tmp_path: Path) -> None:
-    tab.until("flatcloth.capture && flatcloth.layerRevision > 0")
+    tab.until("flatcloth.state?.capture && flatcloth.layerRevision > 0")
     page = tab.page
     assert page.locator("#capture-task").inner_text() == "Hang the item in sight, then begin."
     tab.shoot("capture-idle")
     page.get_by_role("button", name="Begin capture").click()
-    tab.until("flatcloth.capture.phase === 'review'")
+    tab.until("flatcloth.state.capture.phase === 'review'")
     page.wait_for_function("document.querySelector('.capture-picture')?.naturalWidth === 480")
     assert "Keep view 0 at 0°?" in page.locator("#capture-task").inner_text()
     tab.shoot("capture-review")
 
     page.keyboard.press("j")
-    tab.until("flatcloth.capture.phase !== 'review'")
-    tab.until("flatcloth.capture.phase === 'review' && flatcloth.capture.view.number === 2")
+    tab.until("flatcloth.state.capture.phase !== 'review'")
+    tab.until("flatcloth.state.capture.phase === 'review' && flatcloth.state.capture.view.number === 2")
     page.keyboard.press("m")
-    tab.until("flatcloth.capture.phase === 'turn'")
+    tab.until("flatcloth.state.capture.phase === 'turn'")
     assert open_recording(tmp_path / "coat").angles_deg == (0.0,)  # on disk before the next
     assert page.locator("#capture-task").inner_text() == "Turn by 10°, to 10°."
     assert "to the right" in page.locator("#capture-way").inner_text()
     tab.shoot("capture-turn")
 
     camera.turn_to(12.0)
-    tab.until("flatcloth.capture.phase === 'review'")
+    tab.until("flatcloth.state.capture.phase === 'review'")
     page.locator("#capture-view input").fill("12")
     page.keyboard.press("Enter")
-    tab.until("flatcloth.capture.target_deg === 12")
+    tab.until("flatcloth.state.capture.target_deg === 12")
     page.get_by_role("button", name="Keep").click()
-    tab.until("flatcloth.state.views.length === 2 && flatcloth.capture.phase === 'turn'")
+    tab.until("flatcloth.state.views.length === 2 && flatcloth.state.capture.phase === 'turn'")
     assert page.locator("#timeline .view").count() == 2
     page.get_by_role("button", name="Finish").click()
-    tab.until("flatcloth.capture.phase === 'done'")
+    tab.until("flatcloth.state.capture.phase === 'done'")
     assert open_recording(tmp_path / "coat").angles_deg == (0.0, 12.0)
     tab.shoot("capture-done")

@@ -89,7 +89,7 @@ def the_difference_goes_through_color_height_and_position(tab, at):
         averaged = [cv2.blur(expected[..., :3], (size, size)) for size in (1, 2, 3, 4, 5)]
         around = np.stack([image[row - 2 : row + 3, col - 2 : col + 3] for image in averaged])
         around = around.reshape(-1, 3).astype(int)
-        tab.until(f"flatcloth.differenceShown === '{kind}'")
+        tab.until(f"flatcloth.comparison.shownKind === '{kind}'")
         off = np.abs(around - np.array(tab.drawn(at.both)[0][:3])).max(axis=1)
         assert off.min() <= 40, (kind, around.tolist(), tab.drawn(at.both))
         tab.shoot(f"compare-difference-{kind}")

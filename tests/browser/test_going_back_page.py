@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from conftest import Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 from exported_sessions import write_cylinder
 from playwright.sync_api import expect
 
@@ -11,11 +10,9 @@ pytestmark = pytest.mark.browser
 
 
 @pytest.fixture
-def program(tmp_path):
+def program(tmp_path, program_of):
     write_cylinder(tmp_path / "root" / "cloth", "cloth", slice(112, 128))
-    running = Program(f"--root {tmp_path / 'root'}", None)
-    yield running
-    running.stop()
+    return program_of(f"--root {tmp_path / 'root'}", None)
 
 
 def test_an_operator_goes_back_and_places_by_handles(open_tab, program):

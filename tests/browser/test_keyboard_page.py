@@ -36,7 +36,7 @@ def test_a_command_is_found_by_letters_and_tab_reaches_everything(open_tab, widt
     box.fill("next view prop")
     assert "Step" in chosen.inner_text()
     keys.press("Enter")
-    tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
+    tab.proposed()
     assert not box.is_visible()
     keys.press("Control+k")
     keys.type("qqqq")

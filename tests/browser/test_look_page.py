@@ -13,14 +13,6 @@ pytestmark = pytest.mark.browser
 STEP_DEG = 15
 
 
-def place(tab, along, down):
-    """A place of the plane at shares of the shape's width and height."""
-    layers = tab.state()["layers"]
-    u, v = layers["origin_uv_m"]
-    size = layers["pixel_size_m"]
-    return [u + size * along * layers["cols"], v + size * down * layers["rows"]]
-
-
 def cloth(tab):
     """Two places on the cloth, well inside, on the column in the middle of the shape's picture."""
     layers = tab.state()["layers"]
@@ -35,7 +27,7 @@ def cloth(tab):
         f"/layers/{layers['revision']}/color.png",
     )
     shares = [share / 40 for share in range(2, 39) if is_cloth[share * layers["rows"] // 40]]
-    found = [place(tab, 0.5, share) for share in shares]
+    found = [tab.place(0.5, share) for share in shares]
     assert len(found) > 4
     return found[2], found[-3]
 
@@ -68,7 +60,7 @@ def back(tab):
 
 
 def turning_goes_both_ways(tab):
-    a, b = place(tab, 0.2, 0.5), place(tab, 0.8, 0.5)
+    a, b = tab.place(0.2, 0.5), tab.place(0.8, 0.5)
 
     def direction():
         (x0, y0), (x1, y1) = tab.at(a), tab.at(b)
@@ -136,9 +128,7 @@ def cloth_is_picked_and_measured_by_keys_alone(tab):
 
 
 def a_proposal_is_dragged_by_keys_as_one_decision(tab):
-    layers = tab.state()["layers"]["overlay"]
-    (u, v), size = layers["origin_uv_m"], layers["pixel_size_m"]
-    x, y = tab.at([u + size * layers["cols"] / 2, v + size * layers["rows"] / 2])
+    x, y = tab.at(tab.place(0.5, 0.5, tab.state()["layers"]["overlay"]))
     held = tab.on_proposal(x, y) - 4  # the keys come to it to 3 px
     tab.page.keyboard.press("Shift+P")
     keys_to(tab, (held, y))
@@ -186,7 +176,7 @@ def the_proposal_follows_the_pointer_on_a_turned_view(tab):
 
 
 def what_is_measured_follows_the_shape(tab):
-    start, end = place(tab, 0.2, 0.2), place(tab, 0.8, 0.8)
+    start, end = tab.place(0.2, 0.2), tab.place(0.8, 0.8)
     tab.page.keyboard.press("z")
     tab.drag(tab.at(start), tab.at(end))
     tab.page.locator(".ruler-label").wait_for()

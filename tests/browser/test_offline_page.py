@@ -66,7 +66,7 @@ class Offline:
         ]
 
     def on_flat(self, u_m: float, v_m: float) -> tuple[float, float]:
-        at = self.page.evaluate("([u, v]) => flatcloth.flat.toScreen(u, v)", [u_m, v_m])
+        at = self.page.evaluate("([u, v]) => flatcloth.canvas.toScreen(u, v)", [u_m, v_m])
         return at["x"], at["y"]
 
     def on_cloud(self, point_m: list[float]) -> tuple[float, float]:
@@ -212,7 +212,7 @@ def the_timeline_is_stepped_through(tab: Offline, session: OpenedSession) -> Non
     def cloth() -> int:
         """Pixels of cloth that the flattened side shows."""
         return tab.page.evaluate(
-            """() => { const image = flatcloth.flat.layer.shown.image;
+            """() => { const image = flatcloth.canvas.layer.shown.image;
                  const data = image.getContext("2d").getImageData(0, 0, image.width, image.height).data;
                  return data.filter((x, i) => i % 4 === 3 && x > 0).length; }"""
         )

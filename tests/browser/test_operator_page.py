@@ -9,7 +9,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from conftest import Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 from exported_sessions import write_cylinder
 from playwright.sync_api import expect
 
@@ -36,14 +35,10 @@ class ByMouse:
 
     def drag_away(self):
         """Drag the proposal 100 mm across the shape, by cloth that is found under the pointer."""
-        at = self.page.evaluate(
-            """() => { const l = flatcloth.state.layers.overlay, d = l.pixel_size_m, [u, v] = l.origin_uv_m;
-                 const at = (by) => flatcloth.toScreen(u + by + d * l.cols / 2, v + d * l.rows / 2);
-                 return [at(0).x, at(0).y, at(0.1).x - at(0).x]; }"""
-        )
-        x, y, far = at
-        x = self.tab.on_proposal(x, y)
-        self.tab.drag((x, y), (x + far, y + 5))
+        u, v = self.tab.place(0.5, 0.5, self.tab.state()["layers"]["overlay"])
+        (x, y), (far, _) = self.tab.at([u, v]), self.tab.at([u + 0.1, v])
+        start = self.tab.on_proposal(x, y)
+        self.tab.drag((start, y), (start + far - x, y + 5))
 
     def reopen(self, view):
         self.press(f"view-{view}")
@@ -103,13 +98,11 @@ class ByKeys(ByMouse):
 
 
 @pytest.fixture
-def program(tmp_path: Path):
+def program(tmp_path: Path, program_of):
     """The start screen, with two recordings of a cylinder with a floating piece below its root."""
     for name in ("by-mouse", "by-keys"):
         write_cylinder(tmp_path / "root" / name, name, slice(112, 128))
-    running = Program(f"--root {tmp_path / 'root'}", None)
-    yield running
-    running.stop()
+    return program_of(f"--root {tmp_path / 'root'}", None)
 
 
 def work_through(tab, hands, name, tmp_path, *, still_floats=True):
@@ -128,7 +121,7 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
     expect(page.locator("#doubts")).to_contain_text("Nothing seen connects it")
 
     hands.do("step")
-    tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
+    tab.proposed()
     hands.drag_away()
     tab.until("Math.abs(flatcloth.state.pending.nudge.u_mm) > 95 && !flatcloth.state.drawing")
     tab.until("flatcloth.state.pending.score !== null && flatcloth.state.pending.score < 0.75")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 
 import pytest
-from conftest import Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 from exported_sessions import write_cylinder
 from playwright.sync_api import expect
 
@@ -14,21 +13,10 @@ WHERE = "JSON.stringify([flatcloth.state.pending?.view_index, flatcloth.state.pe
 
 
 @pytest.fixture
-def program(tmp_path):
+def program(tmp_path, program_of):
     """A cylinder of which a band across the middle is never seen: its upper half floats."""
-    running = Program(str(write_cylinder(tmp_path / "cut", "cut", slice(112, 128))), tmp_path / "session")
-    yield running
-    running.stop()
-
-
-def middle_of(tab, label):
-    """Return where the middle of a piece is on the screen."""
-    return tab.page.evaluate(
-        """(label) => { const { grid: g } = flatcloth.state.layers.pieces.find((p) => p.label === label);
-             const d = g.pixel_size_m, [u, v] = g.origin_uv_m;
-             return flatcloth.toScreen(u + d * g.cols / 2, v + d * g.rows / 2); }""",
-        label,
-    )
+    recording = write_cylinder(tmp_path / "cut", "cut", slice(112, 128))
+    return program_of(str(recording), tmp_path / "session")
 
 
 def a_piece_is_seen_beside_the_shape_told_and_picked(tab):
@@ -37,10 +25,11 @@ def a_piece_is_seen_beside_the_shape_told_and_picked(tab):
     assert 100 < piece["area_cm2"] < 250
     expect(tab.page.locator("#recording")).to_contain_text("cm\u00b2 float in 1 piece")
     # It lies beside the shape and not metres away, with all of it on the canvas.
-    at, canvas = middle_of(tab, "B"), tab.page.locator("#canvas").bounding_box()
-    assert canvas["x"] < at["x"] < canvas["x"] + canvas["width"]
+    x, y = tab.at(tab.place(0.5, 0.5, piece["grid"]))
+    canvas = tab.page.locator("#canvas").bounding_box()
+    assert canvas["x"] < x < canvas["x"] + canvas["width"]
     assert piece["grid"]["origin_uv_m"][0] < 0.6
-    tab.page.mouse.click(at["x"], at["y"])
+    tab.page.mouse.click(x, y)
     tab.until("flatcloth.state.picks.length === 1")
     pick = tab.pick()
     assert pick["uv_m"]
@@ -90,7 +79,7 @@ def it_snaps_to_its_ghost(tab):
     tab.until("flatcloth.doubts.held && flatcloth.handles.places !== null")
     canvas, mouse = tab.page.locator("#canvas").bounding_box(), tab.page.mouse
     middle = tab.page.evaluate("flatcloth.handles.places.middle")
-    scale = tab.page.evaluate("flatcloth.handles.scale")
+    scale = tab.page.evaluate("flatcloth.canvas.transform.scale")
     x, y = canvas["x"] + middle["x"], canvas["y"] + middle["y"]
     mouse.move(x, y)
     mouse.down()
@@ -109,7 +98,7 @@ def test_a_piece_is_seen_beside_the_shape_picked_and_dragged_onto_it_by_hand(ope
     tab.accept()
     (piece,) = tab.state()["layers"]["pieces"]
     it_snaps_to_its_ghost(tab)
-    tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
+    tab.proposed()
     pending = tab.state()["pending"]
     assert abs(pending["nudge"]["u_mm"]) < 2000
     overlay = tab.state()["layers"]["overlay"]
@@ -137,10 +126,10 @@ def test_a_piece_is_seen_beside_the_shape_picked_and_dragged_onto_it_by_hand(ope
 
 def it_is_told_before_accept_whether_a_dropped_piece_joins(tab):
     """The piece itself is dragged; where it touches nothing it floats on, as the page has said."""
-    at = middle_of(tab, "B")
     layers = tab.state()["layers"]
+    at = tab.at(tab.place(0.5, 0.5, layers["pieces"][0]["grid"]))
     far = tab.at([layers["origin_uv_m"][0], layers["origin_uv_m"][1] - 0.1])
-    tab.drag((at["x"], at["y"]), far)
+    tab.drag(at, far)
     tab.until("/does not (touch|join)/i.test(document.getElementById('joining')?.textContent)")
     tab.until("flatcloth.state.pending && flatcloth.state.pending.joins !== null")
     assert tab.state()["pending"]["joins"] is False

@@ -76,7 +76,7 @@ def test_cloth_is_painted_with_the_mouse_and_with_keys_alone_and_undone(tab) -> 
     tab.until("flatcloth.sides.side === 'this' && document.getElementById('source-canvas').tabIndex === 0")
     tab.until("flatcloth.sources.drawn.view === flatcloth.sources.view")
     two_fingers_zoom(tab, "#source-canvas", "flatcloth.sources.drawn.box.width")
-    two_fingers_zoom(tab, "#canvas", "1 / flatcloth.handles.scale")
+    two_fingers_zoom(tab, "#canvas", "1 / flatcloth.canvas.transform.scale")
     tab.page.keyboard.press(">")
     tab.until("flatcloth.sides.radius_mm === 15")
     tab.page.focus("#source-canvas")

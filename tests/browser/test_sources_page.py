@@ -21,8 +21,8 @@ def test_the_source_image_follows_the_proposal_and_shows_where_a_pick_was_seen(o
     assert "°" in tab.page.inner_text("#source-title")
 
     pick = tab.click_shape()
-    tab.until("flatcloth.sources.seen !== null")
-    seen = tab.page.evaluate("flatcloth.sources.seen")
+    tab.until("flatcloth.sources.seenIn.value !== null")
+    seen = tab.page.evaluate("flatcloth.sources.seenIn.value.seen.map((one) => one.view_index)")
     assert pick["view_index"] in seen
     assert 3 <= len(seen) <= 24  # not those from behind
     tab.shoot("source-image")

@@ -19,15 +19,15 @@ class Lesson:
     def __init__(self, tab):
         self.tab, self.page = tab, tab.page
 
-    def status(self):
-        return self.page.evaluate("flatcloth.teaching")
+    def parameters(self):
+        return self.page.evaluate("flatcloth.teaching.shown.parameters")
 
     def until(self, expression):
         self.page.wait_for_function(f"() => {{ const t = flatcloth.teaching; return {expression}; }}")
 
     def drawn(self, stage):
         """Wait until a stage is drawn, with nothing under way."""
-        self.until(f"t.stage === {stage} && t.shown?.stage === {stage} && !t.busy && !t.playing")
+        self.until(f"t?.at === {stage - 1} && t.shown?.stage === {stage} && !t.running && !t.playing")
 
     def open(self):
         self.page.keyboard.press("h")
@@ -53,7 +53,7 @@ class Lesson:
         slider.press(key)
         value = slider.input_value()
         assert value != before
-        self.until(f"!t.busy && t.shown.parameters['{name}'] === {value}")
+        self.until(f"!t.running && t.shown.parameters['{name}'] === {value}")
         return float(value)
 
     def is_drawn_on(self):
@@ -138,7 +138,7 @@ def test_sliders_and_panes_show_what_they_change(open_lesson):
     assert lesson.slide("sampling_interval_px", "ArrowRight") == 14
     assert int(lesson.fact("Samples")) < samples
     lesson.page.get_by_role("button", name="Reset", exact=True).click()
-    lesson.until("!t.busy && t.shown.parameters.sampling_interval_px === 12")
+    lesson.until("!t.running && t.shown.parameters.sampling_interval_px === 12")
     assert int(lesson.fact("Samples")) == samples
 
     # A slider reaches the session's own value, also where that is beyond its range.
@@ -149,7 +149,7 @@ def test_sliders_and_panes_show_what_they_change(open_lesson):
     turn, place = lesson.fact("A, held to 10–50°"), lesson.fact("u_b, A_0")
     assert lesson.slide("z_angle_limit_deg", "ArrowLeft") == 45
     assert lesson.fact("A, held to 10–50°") != turn
-    overlap_cm2 = lesson.page.evaluate("flatcloth.teaching.shown.parameters.overlap_cm2")
+    overlap_cm2 = lesson.parameters()["overlap_cm2"]
     assert lesson.slide("overlap_cm2", "End") > overlap_cm2
     assert lesson.fact("u_b, A_0") != place
     # From a flattened pixel to the image.
@@ -196,7 +196,7 @@ def test_lessons_follow_a_cell_that_turns(open_tab):
     lesson, page = Lesson(tab), tab.page
     lesson.open()
     lesson.go(ROTATION)
-    before = lesson.status()["shown"]["parameters"]
+    before = lesson.parameters()
     page.keyboard.press("Escape")
     for view in (1, 2):
         tab.until("flatcloth.state.active.angle_deg !== null && !flatcloth.state.active.turning")
@@ -212,6 +212,6 @@ def test_lessons_follow_a_cell_that_turns(open_tab):
     page.keyboard.press("h")  # where one was
     lesson.drawn(ROTATION)
     tab.shoot("teaching-cell-rotation")
-    now = lesson.status()["shown"]["parameters"]
+    now = lesson.parameters()
     assert now["overlap_cm2"] != before["overlap_cm2"], "S_0 follows from the size of the item in all views"
     assert lesson.is_drawn_on()

@@ -3,7 +3,8 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { layoutOf } from "../../static/layout/layout.js";
+globalThis.matchMedia = () => new EventTarget();
+const { layoutOf } = await import("../../static/layout/layout.js");
 
 test("all panes are beside one another in a wide window only", () => {
   assert.equal(layoutOf(1200, 700).kind, "wide");

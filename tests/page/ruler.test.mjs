@@ -3,6 +3,7 @@ import test from "node:test";
 
 const element = () => ({
   style: {},
+  classList: { toggle: () => {} },
   dataset: {},
   append: () => {},
   setAttribute: () => {},
@@ -15,7 +16,7 @@ const { Question } = await import("../../static/page/connection.js");
 function rulerOn() {
   const sent = [];
   const located = (u_m, v_m) => ({ sheet: "this", u_m, v_m });
-  const canvas = { side: "this", located, layer: { shown: {} }, tools: [], drawers: [], redraw: () => {} };
+  const canvas = { side: "this", located, layer: { shown: {} }, redraw: () => {} };
   const send = (message) => sent.push(message) && true;
   const question = (type, ask, take) => new Question(ask, take);
   const page = { canvas, changed: () => {}, send, question };
