@@ -91,7 +91,7 @@ REFUSED = [
     (["rnu", "x", "--out", "y"], "did you mean 'flatcloth run'?"),
     (["run", "shirt-slev-clean", "--out", "y"], "Did you mean the bundled shirt-sleeve-clean?"),
     (["view", "--camera"], "No RealSense camera is connected"),
-    (["view", "--camera", "none.db3"], "no such file"),
+    (["view", "--camera", "none.db3"], "No such file"),
     (["view", "shirt-sleeve-clean", "--camera"], "shirt-sleeve-clean: --camera shows a camera"),
     (["view", "--camera", "--step", "0"], "step of 0"),
     (["view", "--camera", "--frames", "2"], "2 frames per view"),
