@@ -57,14 +57,13 @@ export class ResultPanel extends PagePart {
 
   /** @param {State} state @param {NonNullable<State["layers"]>} layers @param {Found | null} found */
   build(state, layers, found) {
-    const finished = endedBy(state);
     const { pieces, area_cm2: floating } = floatingOf(layers);
     const letters = pieces.map((piece) => piece.label).join(", ");
     const result = found?.result;
     const { firm_share: reliable, placement_std_median_mm: std } = result?.uncertainty ?? {};
     return [
       heading(
-        finished === null ? "Result so far" : "Result",
+        endedBy(state) === null ? "Result so far" : "Result",
         closeButton("Close the result", () => this.toggle(), { key: "close-result" }),
       ),
       result?.wrong.length &&
@@ -100,12 +99,13 @@ export class ResultPanel extends PagePart {
     );
   }
 
-  /** What most doubtful cloth hangs on, and the way to look at it; if all else is sure, whether no joint is doubtful. */
+  /** What most doubtful cloth hangs on, and the way to look; if nothing else is wrong, that no joint is doubtful. */
   jointDoubt(/** @type {boolean} */ isSure, /** @type {number} */ reliable = 1) {
     const { told } = this.page.doubts;
-    const rest = reliable < 0.9 ? "; the layer Uncertainty shows where places are not sure" : "";
-    if (told === "") return isSure && make("p.note", `No joint is doubtful${rest}.`);
-    return told && make("p.note.warn", `${told}: `, this.page.smallButton("doubts"));
+    if (told !== "") return told && make("p.note.warn", `${told}: `, this.page.smallButton("doubts"));
+    if (reliable >= 0.9) return isSure && make("p.note", "No joint is doubtful.");
+    const text = "No joint by itself is doubtful, but places that hang on several are less sure: ";
+    return isSure && make("p.note", text, this.page.smallButton("doubts"));
   }
 
   leftOut(/** @type {Left[]} */ every) {
