@@ -46,7 +46,7 @@ def run(options: Options) -> int:
         from flatcloth.active.service import ActiveService
 
     goal, budget = options.aim()
-    base_from_camera = options.base_from_camera()  # a damaged file is told before anything is opened
+    base_from_camera = options.base_from_camera()  # a damaged file is reported before anything is opened
     if options.cell is None and options.listen is None:
         raise FlatclothError(
             "active needs --cell, or --listen for a robot; a camera: flatcloth view --camera."

@@ -188,7 +188,7 @@ class ProgressBar:
         _failed.warning("%s", text)
 
     def clear(self) -> None:
-        """Leave its line empty until it is drawn again."""
+        """Clear the line of the bar, until the bar is drawn again."""
         self._bar.clear()
 
     def show(self, share: float, text: str) -> None:

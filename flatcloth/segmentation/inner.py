@@ -48,7 +48,7 @@ def inner_faces(clusters: Clusters, graph: SignedGraph, around: csr_matrix, ligh
     thin = np.clip(1.0 - thickness_m / (_ONE_LAYER * two_layers_m), -1.0, 1.0)
     values = np.stack([thin * weight / (weight + 1.0), lightness], axis=1)
     thin_around, light_around = (around @ values).T
-    dark: Bool = light_around < np.median(light_around) - 0.5  # half a step of 8 bits
+    dark: Bool = light_around < np.median(light_around) - 0.5  # by half a step of the image
     inner = (thin_around > 0.0) & dark
     face = graph.components((graph.weight > 0) & inner[graph.first] & inner[graph.second])
     inner &= np.bincount(face)[face] >= SETTINGS.least_region

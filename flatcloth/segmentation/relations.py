@@ -122,7 +122,7 @@ def back_to_back(clusters: Clusters, most_m: float) -> tuple[Int64, Int64, Float
 
 
 def surroundings(clusters: Clusters, radius_m: float) -> csr_matrix:
-    """Return weights (M, M) of the mean over all clusters within a radius of each one that face alike."""
+    """Return a matrix (M, M) that averages over the clusters within a radius of each that face alike."""
     one, other = cKDTree(clusters.place_m).query_pairs(radius_m, output_type="ndarray").T
     alike = (clusters.normal[one] * clusters.normal[other]).sum(axis=1) > SETTINGS.alike_cos
     first, second, own = one[alike], other[alike], np.arange(clusters.count)

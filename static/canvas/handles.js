@@ -25,7 +25,7 @@ export class Handles extends PagePart {
     this.isAway = isAway;
   }
 
-  /** Its ring is seen, too. @returns {UV[]} */
+  /** The ring of handles is to be in sight. @returns {UV[]} */
   around() {
     const { held } = this;
     const [u, v] = this.canvas.center;

@@ -1,4 +1,4 @@
-"""Files of a recording, opened and read with limits; their text in messages; the file names in them."""
+"""Opens and reads the files of a recording within limits, quotes them in errors, checks names in them."""
 
 from __future__ import annotations
 
